@@ -6,20 +6,18 @@ and the tests within each, are run in another order. Child processes keep the nu
 written.
 """
 
-import dataclasses
 import random
 import sys
 from collections.abc import Callable
 from itertools import groupby
-from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
-from wormopt.kind import Kind
 from wormopt.model import values
+from wormopt.study import Study
 
 SEED = 1
 
@@ -39,21 +37,17 @@ def moved(value: Any) -> Any:
 
 def pytest_configure() -> None:
     """Change what is computed with."""
-    load_study, signal_values = Kind.load_study, values.signal_values
+    result, signal_values = Study.result, values.signal_values
 
-    def study(kind: Kind) -> Any:
-        """Load the module that computes scenes of this kind, with numbers moved."""
-        module = vars(load_study(kind))
-
-        def run(scene: Any, report: Any) -> Any:
-            return module["run"](dataclasses.replace(scene, table=moved(scene.table)), report)
-
-        return SimpleNamespace(**{**module, "run": run})
+    def with_numbers_moved(study: Study, report: Any = None) -> Any:
+        other = moved(study)
+        other.placed(study.name, study.folder)
+        return result(other, report)
 
     def stacked(*given: Any, **more: Any) -> np.ndarray:
         return np.array([moved(float(value)) for value in signal_values(*given, **more)])
 
-    Kind.load_study = study
+    Study.result = with_numbers_moved
     _put_in_place(signal_values, stacked)
 
 

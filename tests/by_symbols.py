@@ -15,6 +15,7 @@ import sympy as sp
 from sympy.polys.fields import field
 
 from wormopt.model.model import Model
+from wormopt.study import Given
 
 Expression = Any  # of SymPy, whose types are loose
 Signs = Mapping[Expression, int]
@@ -199,7 +200,9 @@ def _fail(value: Expression) -> int:
 
 
 def unchecked(kind: type[T], **fields: Any) -> T:
-    """A dataclass that refuses all but numbers, with symbols in their place."""
+    """A dataclass or table that refuses all but numbers, with symbols in their place."""
+    if issubclass(kind, Given):
+        return kind.of_checked(dict.fromkeys(kind.__struct_fields__) | fields)
     made = object.__new__(kind)
     for name, value in fields.items():
         object.__setattr__(made, name, value)

@@ -11,7 +11,7 @@ from effort import examples
 from hypothesis import given, settings
 
 import wormopt as wo
-from wormopt.bench.cases import mag2
+from tests.benchmarks.cases import mag2
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Coulomb, Spike, Stribeck
 from wormopt.model.model import Contact, Model, Output, Signal, Switch

@@ -2,6 +2,8 @@
 
 import ast
 import re
+import sys
+import tomllib
 from collections.abc import Iterable, Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -42,7 +44,6 @@ GROUPS = {
     "study": {"study"},
     "plotting": {"plotting"},
     "systems": {"systems"},
-    "bench": {"bench"},
     "face": {"runner", "sweeps", "exports", "reports", "cli", "__main__", "__init__"},
 }
 BELOW: dict[str, set[str]] = {
@@ -52,8 +53,7 @@ BELOW: dict[str, set[str]] = {
     "study": {"ground", "base"},
     "plotting": {"ground", "base"},
     "systems": {"ground", "base", "engine", "study", "plotting"},
-    "bench": {"ground", "base", "engine", "study", "systems"},
-    "face": {"ground", "base", "engine", "study", "systems", "plotting", "bench"},
+    "face": {"ground", "base", "engine", "study", "systems", "plotting"},
 }
 # Which systems a system may use; all may use what they share.
 USES: dict[str, set[str]] = {
@@ -66,7 +66,7 @@ USES: dict[str, set[str]] = {
     "film": {"spiked"},
     "gears": {"chain", "spiked"},
     "coils": {"film"},
-    "channel": {"coils"},
+    "channel": set(),
     "peristaltic": set(),
     "planar": set(),
     "recorded": {"spiked"},
@@ -222,6 +222,37 @@ def test_no_import_is_circular():
     graph = import_graph(PACKAGE)
     assert circles(graph) == []
     assert circles(rooms(graph)) == []
+
+
+def others(root: Path) -> set[str]:
+    """Packages that a package imports, without itself and the standard library."""
+    found = set()
+    for path in root.rglob("*.py"):
+        for node in _imports(path.read_text(encoding="utf-8")):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            else:
+                found.add(str(node.module).partition(".")[0])
+    return found - sys.stdlib_module_names - {root.name}
+
+
+def test_the_wheel_holds_and_needs_nothing_of_the_tests():
+    """No benchmark, no stress test, no other method and no other program."""
+    about = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    wheel = about["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert (wheel["packages"], set(wheel["force-include"])) == (["wormopt"], {"problems"})
+    extras = about["project"]["optional-dependencies"]
+    needed = [*about["project"]["dependencies"], *extras["data"], *extras["sweep"], "dask"]
+    assert others(PACKAGE) <= {re.split("[>=]", line)[0] for line in needed}
+
+
+def test_a_package_that_needs_a_test_is_found(tmp_path: Path):
+    root = made(tmp_path)
+    assert others(root) == set()
+    (root / "cli.py").write_text(
+        "def f():\n    from tests.stress import matrix\n    import os, numba"
+    )
+    assert others(root) == {"tests", "numba"}
 
 
 def test_the_groups_name_every_room():

@@ -1,4 +1,4 @@
-"""`wormopt bench design`: its problems are scenes, and its rivals give gaits."""
+"""Benchmark `design`: its problems are scenes, and its rivals give gaits."""
 
 import math
 from pathlib import Path
@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wormopt.bench import run
-from wormopt.bench.design import (
+from tests.benchmarks import run
+from tests.benchmarks.design import (
     Bound,
     bounds,
     by_design,
@@ -17,9 +17,9 @@ from wormopt.bench.design import (
     measure_design,
     posed,
 )
-from wormopt.bench.design import draw as draw_gaps
-from wormopt.bench.design_cases import G1, Arrays, Case, Motion, draw
-from wormopt.bench.design_rivals import Found, Grid, by_milp, by_multistart, solve_grid
+from tests.benchmarks.design import draw as draw_gaps
+from tests.benchmarks.design_cases import G1, Arrays, Case, Motion, draw
+from tests.benchmarks.design_rivals import Found, Grid, by_milp, by_multistart, solve_grid
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
 from wormopt.study import load_scene

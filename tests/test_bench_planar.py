@@ -1,9 +1,7 @@
 """Planar bench and stress: references by theory, the second route, the judge, the rivals."""
 
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -11,17 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wormopt import cli
-from wormopt.bench import planar as module
-from wormopt.bench.planar_crawl import THREE_LINKS, by_minimize, by_phases
-from wormopt.bench.planar_loop import LOOSE, force_of, held, nearest, planar_flow
-from wormopt.bench.planar_mujoco import by_mujoco
-from wormopt.bench.planar_rivals import by_scipy, by_smoothing, tripod_by_events
-from wormopt.bench.planar_tasks import TASKS, stop_under_load, triangle
-from wormopt.bench.planar_worm import Drive, PlanarWorm, block, flat, plane
-from wormopt.bench.stress import motions
-from wormopt.bench.stress.motions import judge
-from wormopt.bench.stress.planar_cells import planar_cells
+from tests.benchmarks.ladder import task_of
+from tests.benchmarks.planar_crawl import THREE_LINKS, by_minimize, by_phases
+from tests.benchmarks.planar_mujoco import by_mujoco
+from tests.benchmarks.planar_rivals import by_scipy, by_smoothing, tripod_by_events
+from tests.benchmarks.planar_tasks import TASKS, stop_under_load, triangle
+from tests.oracles.planar_loop import LOOSE, force_of, held, nearest, planar_flow
+from tests.oracles.planar_worm import Drive, PlanarWorm, block, flat, plane
+from tests.stress import motions
+from tests.stress.motions import judge
+from tests.stress.planar_cells import planar_cells
 from wormopt.model.model import pack
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
@@ -229,24 +226,8 @@ def test_mujoco_is_of_first_order(name: str):
     assert fine < 1e-3
 
 
-def test_a_planar_benchmark_is_told_and_drawn(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    def absent(_task):
-        raise ModuleNotFoundError(name="mujoco")
-
-    wormopt = module._solvers(TASKS["block"])["wormopt"][0]
-    monkeypatch.setattr(
-        module,
-        "_solvers",
-        lambda _: {"wormopt": (wormopt, (1e-4, 1e-6)), "MuJoCo": (absent, (1e-2,))},
-    )
-    given = ["bench", "planar_block", "--quick", "--json", "--quiet", "-o", str(tmp_path)]
-    assert cli.main(given) == 0
-    found = json.loads(capsys.readouterr().out)["cases"]["planar_block"]
-    assert found["done"]
-    assert [row["setting"] for row in found["rows"]] == [1e-4, 1e-6]
-    assert max(row["error"] for row in found["rows"]) < 1e-5
-    assert found["missing"] == ["MuJoCo: not installed: mujoco"]
-    assert (tmp_path / "planar_block.png").stat().st_size > 0
-    assert "error of places" in "\n".join(module.lines(found))
+def test_a_planar_benchmark_asks_for_places_alone():
+    task = task_of("planar_elliptic", quick=True)
+    ways = {way.name: way for way in task.ways}
+    assert task.error(ways["wormopt"].make()(1e-6)) < 1e-9
+    assert task.error(ways["SciPy LSODA, events"].make()(1e-6)) < 1e-5

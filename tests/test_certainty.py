@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wormopt.systems.chain.certainty import LEVEL, less, median_interval, share_interval
+from wormopt.systems.chain.drawn import LEVEL, less, median_interval, share_interval
 
 
 @pytest.mark.parametrize("members", [1, 6, 20, 100])

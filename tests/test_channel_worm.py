@@ -347,7 +347,7 @@ def test_thick_bodies_are_told():
     assert all(strain < 1 for strain in value(thick, "surface_strain")[3:])
     assert sum("the surface strain" in text for text in thick.trust["warnings"]) == 2
     assert sum("penetrate itself" in text for text in thick.trust["warnings"]) == 2  # sine, beam
-    steep = shaped("worm.pitch=6e-3", "rod.outer=6e-3")
+    steep = shaped("worm.pitch=6e-3", "rod.outer_radius=6e-3")
     assert sum("penetrate itself" in text for text in steep.trust["warnings"]) == 3
     assert "solid and round" in steep.trust["assumptions"]["cross-section"]
 

@@ -8,7 +8,7 @@ from wormopt import fingerprint as kept
 from wormopt.fingerprint import code_key, fingerprint
 from wormopt.systems.shared.checkpoints import checkpoints
 
-ROD = "wormopt.systems.channel.runs.rod_course"
+ROD = "wormopt.systems.channel.rod_motion"
 SOURCE = '''"""A module."""
 
 LIMIT = 3

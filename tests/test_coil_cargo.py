@@ -244,18 +244,18 @@ def test_the_stiffness_of_its_ends_is_felt_at_second_order(stiffness: float) -> 
 
 def test_stiffer_than_rigid_is_rigid() -> None:
     layer = Layer(OIL, 0.05, 1e-3, 0.06, 72)
-    table = load_scene("coil_cargo", ["cargo.modulus=1e12"]).table.cargo
+    table = load_scene("coil_cargo", ["cargo.youngs_modulus=1e12"]).table.cargo
     plate = table.on(layer)
     # a beam of its length on two ends, under the weight and the surface of a heap of 1 mm
     load = 1e-3 * (OIL.weight + 0.03 / 0.012**2)
     assert 5 / 384 * load * 0.012**4 / plate.stiffness == pytest.approx(1e-5, rel=1e-12)
-    soft = load_scene("coil_cargo", ["cargo.modulus=1e5"]).table.cargo
+    soft = load_scene("coil_cargo", ["cargo.youngs_modulus=1e5"]).table.cargo
     assert soft.on(layer).stiffness == pytest.approx(1e5 * 0.5e-3**3 / 12, rel=1e-12)
 
 
 @pytest.mark.slow
 def test_a_float_that_is_all_ends_is_followed() -> None:
-    short = ["course.switches=1", "coils.count=6", "cargo.start=0.02", "cargo.edge=12e-3"]
+    short = ["time.switches=1", "coils.count=6", "cargo.start=0.02", "cargo.edge=12e-3"]
     result = wo.run(load_scene("coil_cargo", short))
     assert result.status == "ok"
     assert result.scalars["own_field_left_out"].value == 0.0
@@ -266,8 +266,8 @@ def test_a_float_that_is_all_ends_is_followed() -> None:
 @pytest.mark.parametrize("modulus", [1e5, 1e9])
 def test_the_packaged_scene_carries_foam_and_plate(modulus: float) -> None:
     """Both keep up with the coils; weak ones leave the foam behind."""
-    short = ["course.switches=8", "coils.count=12"]
-    carried = wo.run(load_scene("coil_cargo", [*short, f"cargo.modulus={modulus}"]))
+    short = ["time.switches=8", "coils.count=12"]
+    carried = wo.run(load_scene("coil_cargo", [*short, f"cargo.youngs_modulus={modulus}"]))
     assert carried.status == "ok", carried.reason
     assert carried.scalars["float_captured"].value == 1.0
     rigid = any("counts as rigid" in each for each in carried.trust["warnings"])
@@ -276,7 +276,7 @@ def test_the_packaged_scene_carries_foam_and_plate(modulus: float) -> None:
 
 @pytest.mark.slow
 def test_weak_coils_leave_the_foam_behind() -> None:
-    short = ["course.switches=8", "coils.count=12"]
+    short = ["time.switches=8", "coils.count=12"]
     weak = wo.run(load_scene("coil_cargo", [*short, "switching.ampere_turns=900.0"]))
     assert weak.status == "ok"
     assert weak.scalars["float_captured"].value < 0.5
@@ -285,7 +285,7 @@ def test_weak_coils_leave_the_foam_behind() -> None:
 @pytest.mark.slow
 def test_a_float_that_is_too_heavy_is_told() -> None:
     """Its draught is more than the film's depth."""
-    heavy = ["course.switches=8", "coils.count=8", "cargo.density=8000.0", "switching.rate=2e-3"]
+    heavy = ["time.switches=8", "coils.count=8", "cargo.density=8000.0", "switching.frequency=2e-3"]
     result = wo.run(load_scene("coil_cargo", [*heavy, "switching.ampere_turns=1.0"]))
     assert result.scalars["draught"].value > result.scalars["float_clearance"].value
     assert result.status == "failed"
@@ -319,7 +319,7 @@ def test_the_picture_of_a_float_needs_one() -> None:
 def test_a_float_over_one_coil_is_drawn() -> None:
     from wormopt.systems.coils.pictures import cargo
 
-    one = ["coils.count=1", "switching.on=1", "switching.every=1", "course.switches=1"]
+    one = ["coils.count=1", "switching.on=1", "switching.every=1", "time.switches=1"]
     result = wo.run(load_scene("coil_cargo", [*one, "cargo.start=0.0", "grid.cells=6"]))
     picture = cargo(result)
     block = picture.axes[-1].collections[0].get_datalim(picture.axes[-1].transData)

@@ -186,7 +186,7 @@ def test_currents_by_the_mean_field_keep_limits_and_are_weaker_for_lower_waves()
 @pytest.mark.slow
 def test_the_packaged_scene_beats_mean_field_and_block_within_limits() -> None:
     short = [
-        "coils.count=8", "course.time=3.0", "search.generations=6", "pattern.repeats=[5]",
+        "coils.count=8", "time.end=3.0", "search.generations=6", "pattern.repeats=[5]",
         "grid.cells=8",
     ]  # fmt: skip
     result = wo.run(load_scene("coil_cargo_design", short))
@@ -201,9 +201,9 @@ def test_the_packaged_scene_beats_mean_field_and_block_within_limits() -> None:
 @pytest.mark.slow
 def test_least_power_beats_mean_field_and_block_and_may_be_faster_than_asked() -> None:
     short = [
-        "coils.count=7", "course.time=3.0", "search.generations=4", "pattern.repeats=[5]",
+        "coils.count=7", "time.end=3.0", "search.generations=4", "pattern.repeats=[5]",
         "pattern.per_step=2", "pattern.form=steps", "search.starts=1", "grid.cells=12",
-        'aim={seek="power", speed=4e-3}',
+        'objective={seek="power", speed=4e-3}',
     ]  # fmt: skip
     result = wo.run(load_scene("coil_cargo_design", short))
     scalars = {name: scalar.value for name, scalar in result.scalars.items()}
@@ -217,7 +217,7 @@ def test_least_power_beats_mean_field_and_block_and_may_be_faster_than_asked() -
 def test_a_rival_that_no_search_betters_is_the_design(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where searches end, on the coarse grid, at currents that are worse on the fine one."""
     monkeypatch.setattr(coil_design, "search", lambda *_: [])
-    short = ["coils.count=7", "course.time=2.0", "pattern.repeats=[5]", "grid.cells=8"]
+    short = ["coils.count=7", "time.end=2.0", "pattern.repeats=[5]", "grid.cells=8"]
     result = wo.run(load_scene("coil_cargo_design", short))
     overs = [result.scalars[name].value for name in ("over_mean_field", "over_block")]
     assert min(overs) == 0.0 <= max(overs)
@@ -227,10 +227,10 @@ def test_a_rival_that_no_search_betters_is_the_design(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        (["aim.seek=power"], "needs the speed"),
-        (["aim.speed=1.0"], "leave it out"),
+        (["objective.seek=power"], "needs the speed"),
+        (["objective.speed=1.0"], "leave it out"),
         (['pattern.form="steps"', "pattern.slew=10.0"], "jump"),
-        (["pattern.rate=[2.0, 1.0]"], "smaller number first"),
+        (["pattern.frequency=[2.0, 1.0]"], "smaller number first"),
         (["pattern.repeats=[20]"], "at most"),
         (["pattern.repeats=[]"], "one or more"),
         (["cargo.start=1.0"], "not between the walls"),

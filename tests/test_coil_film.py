@@ -23,7 +23,7 @@ from wormopt.systems.coils.profile import settle
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))
 SHORT = [
-    "coils.count=4", "course.switches=5", "switching.rate=4.0", "grid.cells=8", "film.top=2.5",
+    "coils.count=4", "time.switches=5", "switching.frequency=4.0", "grid.cells=8", "film.top=2.5",
 ]  # fmt: skip
 
 
@@ -263,7 +263,7 @@ def test_a_field_that_is_not_resolved_is_told_with_a_remedy() -> None:
     with pytest.raises(SceneError, match=r"film\.ground.*not resolved.*less than 4 m above"):
         wo.run(
             load_scene(
-                "fig24_travelling_wave", ["film.depth=1.0", "course.switches=1", "coils.count=6"]
+                "fig24_travelling_wave", ["film.depth=1.0", "time.switches=1", "coils.count=6"]
             )
         )
 

@@ -60,7 +60,7 @@ def inverse() -> Result:
 
 def test_a_row_of_another_size_has_the_same_ripple(row: Result):
     """Many instants of the analysis are those of switches, which rounding must not divide."""
-    small = ("pitch=1e-8", "inner=2e-9", "outer=4.5e-9", "length=20e-9")
+    small = ("pitch=1e-8", "inner_radius=2e-9", "outer_radius=4.5e-9", "length=20e-9")
     sizes = [f"coils.{size}" for size in small]
     height, gap = (row.scalars[name].value for name in ("line_height", "coil_gap"))
     sizes += [f"line.height={1e-6 * height}", *([] if gap is None else [f"coils.gap={1e-6 * gap}"])]
@@ -272,18 +272,18 @@ def test_a_field_of_currents_that_is_not_confirmed_fails(monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("name", "change", "key", "message"),
     [
-        (ROW, "coils.inner=0", "coils.inner", "above 0"),
-        (ROW, "coils.outer=-1e-3", "coils.outer", "above 0"),
-        (ROW, "coils.inner=5e-3", "coils.inner", "not below coils.outer"),
+        (ROW, "coils.inner_radius=0", "coils.inner_radius", "above 0"),
+        (ROW, "coils.outer_radius=-1e-3", "coils.outer_radius", "above 0"),
+        (ROW, "coils.inner_radius=5e-3", "coils.inner_radius", "not below coils.outer_radius"),
         (ROW, "coils.pitch=8e-3", "coils.pitch", "overlap; write at least 0.009"),
         (ROW, "coils={axis='along', pitch=10e-3}", "coils.pitch", "coils.length"),
         (ROW, "coils={axis='along', length=8e-3, gap=1e-3}", "coils.gap", "leave it out"),
         (ROW, "coils.gap=1e-30", "coils.gap", "write at least 2e-14"),
         (ROW, "coils={axis='across'}", "line.height", "a coil inside the fluid"),
         (ROW, "coils.axis='vertical'", "line.height", None),
-        (ROW, "coils={axis='along', length=8e-3, inner=1e-3}", "line.height", None),
+        (ROW, "coils={axis='along', length=8e-3, inner_radius=1e-3}", "line.height", None),
         (ROW, "line.margin=10", "line.margin", "write at most 9"),
-        (ROW, "switching.rate=0", "switching.rate", "above 0"),
+        (ROW, "switching.frequency=0", "switching.frequency", "above 0"),
         (ROW, "switching.on=21", "switching.on", "do not fit"),
         (ROW, "switching.every=21", "switching.every", "exceeds the 20 coils"),
         (ROW, "switching.ampere_turns=3001", "switching.ampere_turns", "at most"),

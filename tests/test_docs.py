@@ -12,6 +12,9 @@ from pathlib import Path
 import pytest
 
 import wormopt as wo
+from tests.benchmarks import CASES
+from tests.stress import GROUPS
+from wormopt.cli import parser
 from wormopt.kinds import KINDS
 from wormopt.study.reference import page as page_of_kind
 
@@ -22,6 +25,8 @@ PAGES = sorted([*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb"), ROOT / "README.md"]
 KIND_PAGES = {DOCS / "scenes" / f"{kind}.md": kind for kind in KINDS}
 MADE = {*KIND_PAGES, DOCS / "gallery.md"}
 SCENES = sorted((ROOT / "problems").glob("*.toml"))
+MEASURED = {"benchmarks": CASES, "stress": GROUPS}
+VERBS = set(re.findall(r"^    ([a-z]+)", parser().format_help(), re.MULTILINE))
 GALLERY = runpy.run_path(str(ROOT / ".ci" / "gallery"))
 
 
@@ -82,6 +87,15 @@ def test_modules_that_pages_name_exist(page: Path):
     for name in re.findall(r"`((?:\w+/)+\w+\.py)`", text):
         there = [ROOT / name, ROOT / "wormopt" / name, ROOT / "wormopt" / "systems" / name]
         assert any(path.exists() for path in there), name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_that_pages_name_exist(page: Path):
+    text = page.read_text(encoding="utf-8") if page.name != "changelog.md" else ""
+    for verb in re.findall(r"(?:`|bin/)wormopt ([a-z]\w*)", text):
+        assert verb in VERBS | {"certificate"}, verb  # which is the name of a format
+    for module, names in re.findall(r"python -m tests\.(\w+)((?: [a-z]\w*)*)", text):
+        assert set(names.split()) <= set(MEASURED[module]), names
 
 
 def proofs() -> set[tuple[str, str]]:

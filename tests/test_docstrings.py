@@ -27,7 +27,7 @@ KEPT = {
     name: text
     for file in sorted((Path(__file__).parent / "examples").glob("*.txt"))
     for name, text in re.findall(
-        r"^# (wormopt\S*)\n(.*?)(?=^# wormopt|\Z)",
+        r"^# ((?:wormopt|tests)\S*)\n(.*?)(?=^# (?:wormopt|tests)|\Z)",
         file.read_text("utf-8"),
         re.MULTILINE | re.DOTALL,
     )

@@ -1,5 +1,6 @@
 """Steps without events, against motions known in closed form and against located events."""
 
+import math
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -15,6 +16,7 @@ import wormopt as wo
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.schedule import Schedule
 from wormopt.progress import silent
 from wormopt.simulation.event_free import Ending, _march, _task, ending
 from wormopt.simulation.options import Tolerance
@@ -76,8 +78,9 @@ def test_events_leave_the_order_two(stiction: float):
     motion = simulate(driven(), 30.0, p={"stiction": stiction}, tolerance=Tolerance(1e-13, 1e-13))
     assert len(motion.events) > 8
     start = np.zeros(2)
-    march, counts = _march(_task(motion, start)), 64 * np.array([64, 128, 256, 512, 1024])
-    errors = [np.max(np.abs(march(start, int(n)) - motion.end)) for n in counts]
+    march = _march(_task(motion, start), 2)
+    found = [march(start, 4 * fineness) for fineness in (1, 2, 4, 8, 16)]
+    counts, errors = [n for _, n in found], [np.max(np.abs(x - motion.end)) for x, _ in found]
     slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
     assert 1.7 < slope < 2.4
     assert errors[-1] < 1e-6
@@ -92,6 +95,18 @@ def test_ends_of_located_events_are_found_again(
     motion, found = ended(driven(3), 12.0, x0={"v": data.draw(st.floats(-1, 1))}, p=p)
     assert found.doubt < 1e-5
     assert apart(motion, found) < max(5 * found.doubt, 1e-9)
+
+
+@pytest.mark.parametrize("pieces", [50, 500])
+def test_an_end_after_many_pieces_of_a_schedule_is_known_as_well_as_it_says(pieces: int):
+    x, rate, begin = (ca.SX.sym(name) for name in ("x", "rate", "begin"))
+    rates = np.random.default_rng(1).uniform(-1, 1, (pieces, 1))
+    schedule = Schedule("rates", rate, begin, np.linspace(0, 10, pieces + 1), rates)
+    model = Model("grown", x=[Signal("x", x, value=1.0)], ode=rate * x, schedules=[schedule])
+    _, found = ended(model, 10.0)
+    exact = math.exp(10 * rates.mean())
+    assert abs(found.end[0] / exact - 1) < 2 * found.doubt + 1e-12
+    assert found.doubt < 1e-5
 
 
 @given(st.floats(0.2, 3.0))
@@ -171,8 +186,8 @@ def test_what_steps_without_events_do_not_know_is_refused():
     ("scene", "shorter"),
     [
         ("stiction", ["time.end=10"]),
-        ("three_masses_harmonic", ["course.periods=10"]),
-        ("fig13_magnetic_pair", ["course.end=10", "averaging.nodes=8"]),
+        ("three_masses_harmonic", ["time.periods=10"]),
+        ("fig13_magnetic_pair", ["time.end=10", "averaging.nodes=8"]),
         ("spiked_chain", ["time.end=2"]),
     ],
 )

@@ -263,7 +263,7 @@ KEPT: dict[str, Any] = {}
 )
 def test_only_what_exceeds_a_limit_fails(excess, status, monkeypatch):
     """A best run may keep all limits with room to spare: how much depends on the search."""
-    experiment = importlib.import_module("wormopt.systems.recorded.runs.experiment")
+    experiment = importlib.import_module("wormopt.systems.recorded.experiment")
     found = experiment.plan_experiment
 
     def planned(*given, **more):

@@ -27,8 +27,8 @@ from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.chain import chain
+from wormopt.systems.recorded.recording_file import RecordingFile
 from wormopt.systems.recorded.recordings import runs_of
-from wormopt.systems.recorded.scenes.fit import RecordingTable
 
 SAVED = sorted((Path(__file__).parent / "results").glob("*.nc"))
 GCC = shutil.which("gcc")
@@ -342,7 +342,7 @@ def test_signals_without_units_are_read_back_as_a_recording(tmp_path: Path):
         Variable("position", "1", ("mass", "time"), motion["position"]),
     )
     (file,) = wo.export(Result("walk", "simulate", variables=variables), "csv", tmp_path)
-    (run,) = runs_of([RecordingTable(file=str(file))], tmp_path, worm, "dimensionless", {}, "scene")
+    (run,) = runs_of([RecordingFile(file=str(file))], tmp_path, worm, "dimensionless", {}, "scene")
     assert np.array_equal(run.recording.times, motion.time)
     assert np.array_equal(run.recording.readings["position"], motion["position"])
 

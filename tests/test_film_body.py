@@ -246,7 +246,7 @@ SI = 'schema = 1\nkind = "film-body"\nunits = "SI"\n[film]\ndelta = 0.5\n' + FLU
 
 
 def test_the_packaged_body_creeps_backward() -> None:
-    result = wo.run(load_scene("body_in_film", ["course.periods=6"]))
+    result = wo.run(load_scene("body_in_film", ["time.periods=6"]))
     assert result.status == "ok"
     assert result.scalars["drift"].value < 0
     assert result.scalars["speed_max"].value == 0
@@ -257,7 +257,7 @@ def test_si_bodies_have_the_numbers_of_their_scales(tmp_path: Path) -> None:
     path = tmp_path / "sinker.toml"
     path.write_text(
         SI + '[body]\non = "ground"\nheight = 0.3\ndensity = 2700.0\nfriction_coefficient = 0.4\n'
-        "[course]\nperiods = 1.0\n"
+        "[time]\nperiods = 1.0\n"
     )
     result = wo.run(path)
     assert result.status == "ok"

@@ -23,7 +23,7 @@ kind = "film-forward"
 [film]
 delta = 0.5
 tension = 0.1
-[course]
+[time]
 periods = 20
 [grid]
 points = 64
@@ -50,7 +50,7 @@ def value(result: Result, name: str) -> Any:
 
 @cache
 def packaged() -> Result:
-    return wo.run(load_scene("film_forward", ["course.periods=20"]))
+    return wo.run(load_scene("film_forward", ["time.periods=20"]))
 
 
 # -- where films go --------------------------------------------------------------------------------
@@ -118,7 +118,7 @@ def test_an_unstable_wave_is_left(tmp_path: Path):
 
 
 def test_a_film_that_breaks_is_located(tmp_path: Path):
-    changes = ("course.rupture=0.5", "film.tension=0.03", "course.periods=10")
+    changes = ("time.rupture=0.5", "film.tension=0.03", "time.periods=10")
     result = run(tmp_path, *changes)
     assert result.status == "unchecked"
     assert value(result, "outcome") == "breaks"
@@ -135,7 +135,7 @@ def test_a_film_the_points_cannot_hold_fails_with_the_place(
 ):
     scene = str(write(tmp_path, SCENE))
     sets = ["film.delta=0.9", "film.tension=0.01", "grid.points=32", "grid.most=32"]
-    sets += ["course.rupture=1e-6", "course.periods=2", "tolerance.recheck=false"]
+    sets += ["time.rupture=1e-6", "time.periods=2", "tolerance.recheck=false"]
     out = ["-o", str(tmp_path / "out"), "--json", "--no-plots"]
     assert main(["run", scene, *out, *(p for s in sets for p in ("--set", s))]) == 3
     printed = json.loads(capsys.readouterr().out)
@@ -156,7 +156,7 @@ def test_too_few_steps_are_told(tmp_path: Path):
 def test_a_map_has_all_outcomes(tmp_path: Path):
     """Flat films take the wave, go to a drop, break; each with the spectrum that explains it."""
     table = "map={delta=[0.5, 0.9, 0.98], tension=[0.01, 0.1, 1.0]}"
-    grid_ = ("grid.points=128", "grid.most=256", "course.periods=100")
+    grid_ = ("grid.points=128", "grid.most=256", "time.periods=100")
     result = run(tmp_path, table, *grid_, 'want=["basins"]')
     outcome, growth = result["map_outcome"].values, result["map_growth"].values
     names = [["wave", "other", "moving", "breaks", "unresolved"][k] for k in outcome.ravel()]
@@ -172,7 +172,7 @@ def test_a_map_has_all_outcomes(tmp_path: Path):
 
 
 def test_a_small_map(tmp_path: Path):
-    result = run(tmp_path, "map={delta=[0.3, 0.5], tension=[0.01, 0.1]}", "course.rupture=0.48")
+    result = run(tmp_path, "map={delta=[0.3, 0.5], tension=[0.01, 0.1]}", "time.rupture=0.48")
     outcome = result["map_outcome"].values
     assert outcome.tolist() == [[0, 0], [3, 0]]  # the drop's film is thinner than 0.48
     assert result["map_growth"].values[1] == pytest.approx([-0.6310779, -0.3619586], abs=1e-5)
@@ -233,7 +233,7 @@ frequency = 10.0
     H = oil["field"].values[:-1] if len(field) % 2 else oil["field"].values
     listed = f'[field]\nquantity = "field"\nsamples = {H.tolist()}\n'
     text = SCENE.replace(FILM, 'units = "SI"\n[film]\ndelta = 0.5\n' + fluid) + listed
-    result = run(tmp_path, 'start={shape="wave"}', "course.periods=20", text=text)
+    result = run(tmp_path, 'start={shape="wave"}', "time.periods=20", text=text)
     assert value(result, "tension_number") == pytest.approx(
         oil.scalars["tension_number"].value, rel=1e-12
     )
@@ -256,7 +256,7 @@ def test_a_field_that_is_off_makes_a_film_that_is_off(tmp_path: Path):
 def test_a_field_needs_no_wave(tmp_path: Path):
     field = "[field]\nsamples = [0.0, 0.3, 0.5, 0.5, 0.3, 0.1, 0.0, 0.0]\n"
     text = SCENE.replace("delta = 0.5\n", "") + field
-    result = run(tmp_path, "course.periods=40", text=text)  # it settles slowly
+    result = run(tmp_path, "time.periods=40", text=text)  # it settles slowly
     assert value(result, "outcome") == "other"
     assert value(result, "distance_to_wave") is None
     assert "thickness_wave" not in result
@@ -266,7 +266,7 @@ def test_a_field_needs_no_wave(tmp_path: Path):
 def test_a_start_of_samples(tmp_path: Path):
     h = CosineWave(0.5).height(grid(20))
     start = f'start={{shape="samples", samples={h.tolist()}}}'
-    result = run(tmp_path, start, "course.periods=1")
+    result = run(tmp_path, start, "time.periods=1")
     assert value(result, "distance_to_wave") < 1e-9
 
 

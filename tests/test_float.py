@@ -353,7 +353,7 @@ FLOAT = """schema = 1
 kind = "float"
 [film]
 delta = 0.5
-[course]
+[time]
 samples = 101
 """
 
@@ -449,9 +449,9 @@ def test_floats_in_si_units(tmp_path: Path):
 
 
 def test_too_short_a_course_is_told(tmp_path: Path):
-    result = run_text(tmp_path, FLOAT, "course.periods=2.0")
+    result = run_text(tmp_path, FLOAT, "time.periods=2.0")
     assert value(result, "float_drift") is None
-    assert any("write course.periods = " in text for text in result.trust["warnings"])
+    assert any("write time.periods = " in text for text in result.trust["warnings"])
 
 
 @pytest.mark.parametrize(
@@ -464,8 +464,8 @@ def test_too_short_a_course_is_told(tmp_path: Path):
         ("floats.length=[]", "floats.length", "1 to 8"),
         ("tracers.height=[1.2]", "tracers.height", "up to 1"),
         ("tracers={}", "tracers.height", "missing"),
-        ("course.periods=0.0", "course.periods", "above 0"),
-        ("course.periods=1e9", "course.periods", "up to 20000"),
+        ("time.periods=0.0", "time.periods", "above 0"),
+        ("time.periods=1e9", "time.periods", "up to 20000"),
         ("film={cosines=[1.2]}", "film.cosines", "falls to"),
         ('units="SI"', "film.fluid", "missing"),
     ],

@@ -459,7 +459,7 @@ def test_friction_that_falls_with_velocity_lets_equals_go_either_way():
     law = 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, stick_forward=0.03, '
     law += "stick_backward=0.03, v_stribeck=0.8}"
     ahead, back, still = (
-        solved(law, f"course.velocity={V}", "course.periods=2") for V in (0.1, -0.1, 0.0)
+        solved(law, f"start.velocity={V}", "time.periods=2") for V in (0.1, -0.1, 0.0)
     )
     back_V, rest, ahead_V = value(ahead, "steady_velocities")
     assert value(ahead, "steady_stable") == [1, 0, 1]
@@ -511,7 +511,7 @@ def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: pytest.Monkey
     monkeypatch.setattr(Runner, "orbit", orbit)
     law = 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, stick_forward=0.03, '
     law += "stick_backward=0.03, v_stribeck=0.8}"
-    result = solved_anew(law, "course.velocity=0.1", "course.periods=2")
+    result = solved_anew(law, "start.velocity=0.1", "time.periods=2")
     assert result.status == "ok"
     back, rest, ahead = value(result, "exact_velocities")
     assert rest is None
@@ -519,7 +519,7 @@ def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: pytest.Monkey
     assert "center" in {variable.name for variable in result.variables}
     assert any("no exact motion was found at the steady" in t for t in result.trust["warnings"])
     # the one chosen is needed
-    chosen = solved_anew(law, "course.velocity=0", "course.periods=2")
+    chosen = solved_anew(law, "start.velocity=0", "time.periods=2")
     assert chosen.status == "failed"
     assert "none here" in chosen.reason
     assert "center" in {variable.name for variable in chosen.variables}
@@ -548,7 +548,7 @@ def test_friction_that_is_not_small_is_told_and_rests_too():
 
 
 def test_a_course_that_is_too_short_is_told():
-    assert any("more course.periods" in w for w in solved("course.periods=3").trust["warnings"])
+    assert any("more time.periods" in w for w in solved("time.periods=3").trust["warnings"])
 
 
 def test_units_and_masses_scale_the_answer():
@@ -672,7 +672,7 @@ def test_averages_that_disagree_with_the_exact_motion_fail(monkeypatch: pytest.M
         ('worm.friction=[{kind="viscous", drag=1}]', "worm.friction", "1 entry for 3 masses"),
         ("worm.friction.stick_forward=0.001", "worm.friction.stick_forward", "below the sliding"),
         ("averaging.nodes=1", "averaging.nodes", "2 to 64"),
-        ("course.periods=0", "course.periods", "1 to 10000"),
+        ("time.periods=0", "time.periods", "1 to 10000"),
         ("worm.frequency=1e40", "worm.frequency", "too large"),
         ('want=["motion"]', "want", "reversals"),
     ],

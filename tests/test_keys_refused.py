@@ -21,7 +21,7 @@ WRONG: list[Any] = [None, True, "no such text", {}, [[]], math.nan, object()]
 @cache
 def tables() -> list[type[Given]]:
     """Tables of all kinds, each once."""
-    of_kinds = [part for kind in KINDS.values() for part in tables_below(kind.load_table())]
+    of_kinds = [part for kind in KINDS.values() for part in tables_below(kind.load())]
     return list(dict.fromkeys(part for part in of_kinds if issubclass(part, Given)))
 
 

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from wormopt.bench.cases import WORK_PRECISION, mag2, track
+from tests.benchmarks.cases import WORK_PRECISION, mag2, track
 from wormopt.errors import ArgumentError, Interrupted
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal

@@ -11,7 +11,7 @@ from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wormopt.bench.sweeps import long_chain
+from tests.benchmarks.chain_length import long_chain
 from wormopt.numerics import instructions
 from wormopt.simulation.native import build, loops, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance

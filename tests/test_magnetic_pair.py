@@ -224,7 +224,7 @@ eps = 0.05
 friction = {kind = "coulomb", forward = 0.5, backward = 1.0}
 [averaging]
 nodes = 8
-[course]
+[time]
 periods = 4
 """
 
@@ -315,7 +315,7 @@ def test_pairs_without_steady_motion_fail_with_the_reason(
         ("detuning=-40.0", "detuning", "no positive frequency"),
         ("averaging.nodes=1", "averaging.nodes", "2 to 64"),
         ("pair.speed=1.0", "pair.speed", "speed"),
-        ("course.end=1.0", "course.end", "twice course.periods"),
+        ("time.end=1.0", "time.end", "twice time.periods"),
         ("pair.friction.forward=0.0", "pair.friction", "no resistance to motion forward"),
         ('pair.friction={kind="viscous", drag=0.0}', "pair.friction", "no resistance"),
     ],

@@ -210,7 +210,7 @@ def test_a_wrong_answer_fails(monkeypatch: pytest.MonkeyPatch):
         ("membrane.diffusivity=-1", "membrane.diffusivity", "above 0"),
         ("fluid.pressure=0", "fluid.pressure", "above 0"),
         ("contact_strain=-1", "contact_strain", "0 or above"),
-        ("points=2", "points", "3 to 1000"),
+        ("samples=2", "samples", "3 to 1000"),
     ],
 )
 def test_wrong_scenes_are_told(tmp_path: Path, change: str, key: str, message: str):

@@ -14,7 +14,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from wormopt.bench.cases import mag2, track
+from tests.benchmarks.cases import mag2, track
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
 from wormopt.control.reference import Reference, gait_reference
 from wormopt.control.switching import switching_tracker

@@ -1,6 +1,5 @@
 """The best crawl of a chain: exact by phases, repeated by simulation, alike by other routes."""
 
-import dataclasses
 import re
 from functools import cache
 from pathlib import Path
@@ -22,8 +21,9 @@ from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.copies import scenario_model
-from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
-from wormopt.systems.chain.runs import optimal_crawl as crawl_runs
+from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
+from wormopt.systems.chain.optimal_crawl import cycles_of
+from wormopt.systems.chain.tables import Aim, CrawlLimits
 
 SCENE = Path(__file__).parents[1] / "problems" / "optimal_crawl.toml"
 
@@ -33,14 +33,7 @@ def value(result: Result, name: str):
 
 
 def crawl(*sets: str, **changes) -> Result:
-    scene = load_scene(SCENE, list(sets))
-    return wo.run(dataclasses.replace(scene, table=structs_replaced(scene.table, **changes)))
-
-
-def structs_replaced(table, **changes):
-    import msgspec
-
-    return msgspec.structs.replace(table, **changes)
+    return wo.run(load_scene(SCENE, list(sets)).table.vary(**changes))
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +82,7 @@ def test_relaxed_contact_converges_to_the_exact_crawl_with_order_about_one():
 
 @pytest.mark.slow
 def test_with_stronger_actuators_lengths_touch_their_limits():
-    limits = structs_replaced(load_scene(SCENE).table.limits, force=20.0)
-    result = crawl(want=(), limits=limits)
+    result = crawl("limits.force=20", want=())
     # 2.2317 on 60 intervals with a smoothed law, by a script of another author
     assert -value(result, "objective") == pytest.approx(2.2317, abs=2e-3)
     lengths = result["length"].values
@@ -108,8 +100,7 @@ def test_a_saved_crawl_is_a_start_for_another(exact: Result, tmp_path: Path):
     exact.save(tmp_path)
     path = tmp_path / "crawl.toml"
     path.write_text(SCENE.read_text() + '\n[search]\nresult = "result.nc"\n')
-    table = load_scene(path).table
-    again = wo.run(dataclasses.replace(load_scene(path), table=structs_replaced(table, want=())))
+    again = wo.run(load_scene(path).table.vary(want=()))
     assert value(again, "objective") == pytest.approx(value(exact, "objective"), abs=1e-7)
 
 
@@ -141,7 +132,7 @@ def test_copies_need_a_draw():
 def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_counts():
     weak = {"friction_backward": 4.0}
     plant = scenario_model(worm(), [{}, weak])
-    limits = CrawlLimits((1.0, 1.0), 12.0, (1.4, 2.6))
+    limits = CrawlLimits(period=1.0, force=12.0, length=(1.4, 2.6))
     mesh = Mesh.even(1, 24, Collocation(2, "radau"))
     w = 2 * np.pi
 
@@ -152,7 +143,7 @@ def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_count
         return np.vstack([one, one])
 
     def speeds(judge) -> np.ndarray:
-        problem = crawl_problem(plant, limits, Aim(effort=1e-3, judge=judge))
+        problem = crawl_problem(plant, limits, Aim(maximise="speed", effort=1e-3), judge)
         found = optimise(problem, mesh, Regularised(0.05, 1.0), Guess(1.0, states))
         ends = found.motion.states(np.array([0.0, 1.0]))
         return (ends[:, 1] - ends[:, 0])[[0, 6]]
@@ -180,8 +171,13 @@ def objective_in(
         length_nominal=length,
         time_nominal=time,
     )
-    aim = Aim(None, speed=speed) if cost else Aim(effort=1e-3 * speed / force**2)
-    limits = CrawlLimits((time, longest * time), 12 * force, (1.4 * length, 2.6 * length))
+    if cost:
+        aim = Aim(minimise="energy_per_mass_distance", speed=speed)
+    else:
+        aim = Aim(maximise="speed", effort=1e-3 * speed / force**2)
+    limits = CrawlLimits(
+        period=(time, longest * time), force=12 * force, length=(1.4 * length, 2.6 * length)
+    )
     widths = Regularised(0.3 * speed, speed)
     mesh = Mesh.even(1, 12, Collocation(2, "radau"))
     problem = crawl_problem(plant, limits, aim)
@@ -216,15 +212,18 @@ def test_how_long_a_period_may_be_changes_nothing_where_the_best_is_short():
 @pytest.mark.parametrize(
     ("change", "key"),
     [
-        ("[aim]\n", "aim"),
-        ('[aim]\nminimise = "energy_per_mass_distance"\n', "aim.speed"),
-        ('[aim]\nminimise = "energy_per_mass_distance"\nspeed = 1.0\n[robust]\n', "aim.minimise"),
-        ('[aim]\nmaximise = "speed"\n[robust]\n', "want"),
+        ("[objective]\n", "objective"),
+        ('[objective]\nminimise = "energy_per_mass_distance"\n', "objective.speed"),
+        (
+            '[objective]\nminimise = "energy_per_mass_distance"\nspeed = 1.0\n[robust]\n',
+            "objective.minimise",
+        ),
+        ('[objective]\nmaximise = "speed"\n[robust]\n', "want"),
     ],
 )
 def test_aims_that_do_not_fit_are_refused_by_their_key(tmp_path: Path, change: str, key: str):
     text = SCENE.read_text()
-    begin, end = text.index("[aim]"), text.index("[mesh]")
+    begin, end = text.index("[objective]"), text.index("[mesh]")
     scene = tmp_path / "crawl.toml"
     scene.write_text(text[:begin] + change + text[end:])
     with pytest.raises(SceneError, match=key):
@@ -250,7 +249,7 @@ friction = {{ kind = "coulomb", forward = "{forward} N", backward = "{backward} 
 period = {period}
 force = "{force} N"
 length = ["{shortest} mm", "{longest} mm"]
-[aim]
+[objective]
 maximise = "speed"
 effort = 1e-5
 [mesh]
@@ -312,17 +311,16 @@ def test_soft_crawlers_are_solved_or_told_in_words_of_the_scene(changes: dict, t
 
 @pytest.mark.parametrize("changes", CRAWLERS[:3])
 def test_sizes_are_those_of_the_scene(changes: dict, tmp_path: Path):
-    table = soft(tmp_path, changes).table
-    plant = crawl_runs._plant(table)
-    near = next(crawl_runs._guesses(table, plant, 1))
-    sized = crawl_runs._sized(table, plant, near)
-    v = near.states(np.linspace(0, near.duration, 1000))[table.worm.links + 1 :]
+    study = soft(tmp_path, changes).table
+    near = next(study.guesses())
+    sized = study.sized(near)
+    v = near.states(np.linspace(0, near.duration, 1000))[study.worm.links + 1 :]
     assert sized.x[1].nominal == pytest.approx(np.sqrt(np.mean(v**2)), rel=0.05)
-    friction = table.worm.friction
+    friction = study.worm.friction
     for contact in sized.contacts:
         assert friction.forward <= contact.nominal_force <= friction.backward
         assert contact.nominal_speed == sized.x[1].nominal
-    assert table.limits.force <= 20 * sized.u[0].nominal
+    assert study.limits.force <= 20 * sized.u[0].nominal
 
 
 def test_shorter_cycles_within_a_period_are_counted():
@@ -333,8 +331,8 @@ def test_shorter_cycles_within_a_period_are_counted():
             one, two = 2 + 0.3 * np.cos(w * t), 2 + 0.3 * np.sin(w * t)
             return np.vstack([one + two, two, 0 * t, 0 * one, 0 * t, 0 * t])
 
-        problem = crawl_problem(worm(), CrawlLimits((1.0, 1.0), 12.0), Aim())
+        problem = crawl_problem(worm(), CrawlLimits(period=1.0, force=12.0), Aim(maximise="speed"))
         program = Transcription(problem, Mesh.even(1, 60, Collocation(3)), Regularised(0.1))
         bounds = program.bounds(0.1)
         motion = Motion.of(program, sample(program, Guess(1.0, states), bounds), bounds)
-        assert crawl_runs._cycles(motion) == cycles
+        assert cycles_of(motion) == cycles

@@ -25,12 +25,11 @@ from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import optimal_input
-from wormopt.systems.chain.rivals import draw_plants
-from wormopt.systems.chain.scenes.track_optimal import (
-    GridTable,
+from wormopt.systems.chain.tables import (
+    Grid,
     LeastError,
-    RelaxationTable,
-    TubeTable,
+    Relaxation,
+    Tube,
 )
 from wormopt.systems.spiked.construct import fast_gait
 
@@ -69,7 +68,7 @@ def test_breaks_of_a_model_are_those_of_all_its_schedules():
 # -- optimal tracking ------------------------------------------------------------------------------
 
 PLANT: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
-TUBE = TubeTable(radius=0.2, capture=1.0)
+TUBE = Tube(radius=0.2, capture=1.0)
 
 
 def test_without_friction_optimal_tracking_is_the_lq_optimum():
@@ -87,8 +86,8 @@ def test_without_friction_optimal_tracking_is_the_lq_optimum():
         end,
         LeastError(input_weight=rho),
         TUBE,
-        GridTable(arcs=90, degree=3),
-        RelaxationTable(),
+        Grid(arcs=90, degree=3),
+        Relaxation(),
         period=1.0,
     )
     gain = np.array([[2.0, -1.0], [-1.0, 2.0]])
@@ -117,7 +116,7 @@ def test_without_friction_optimal_tracking_is_the_lq_optimum():
     assert optimum <= found.objective <= optimum * (1 + 2e-5)
     coarse = optimal_input(
         plant, gait_reference(gait, plant.t), end, LeastError(input_weight=rho), TUBE,
-        GridTable(arcs=45, degree=3), RelaxationTable(), period=1.0,
+        Grid(arcs=45, degree=3), Relaxation(), period=1.0,
     )  # fmt: skip
     ratio = (coarse.objective - optimum) / (found.objective - optimum)
     assert 3.5 < ratio < 4.5
@@ -201,14 +200,14 @@ def in_other_units(mass: float, length: float, least: str) -> list[str]:
         f"worm.friction.forward={force}", f"worm.friction.backward={3 * force}",
         f"worm.rest_length={2 * length}", f"reference.gait.rest_length={2 * length}",
         f"start.position=[{4.6 * length},{2 * length},0.0]", f"tube.radius={0.2 * length}",
-        "reference.gait.period=0.5", "time.end=1.0", "tube.capture=0.5", "grid.arcs=20",
+        "reference.gait.period=0.5", "time.end=1.0", "tube.capture=0.5", "mesh.arcs=20",
         f"objective={{minimise = '{least}'{weight}}}",
     ]  # fmt: skip
 
 
 @cache
 def in_units(mass: float, length: float, least: str) -> Result:
-    changes = [*in_other_units(mass, length, least), "grid.arcs=10"]
+    changes = [*in_other_units(mass, length, least), "mesh.arcs=10"]
     return wo.run(load_scene("track_optimal", changes))
 
 
@@ -292,7 +291,7 @@ def test_scenes_that_make_no_sense_are_refused(change: list[str], key: str):
 # -- the comparison --------------------------------------------------------------------------------
 
 QUICK = [
-    "time.end=3.0", "tube.capture=1.0", "time.samples=301", "grid.arcs=15", "draws.members=6",
+    "time.end=3.0", "tube.capture=1.0", "time.samples=301", "mesh.arcs=15", "draws.members=6",
     "draws.known=1", "crawl.arcs=30",
 ]  # fmt: skip
 
@@ -348,14 +347,14 @@ def test_who_knows_the_plant_does_better_on_it(compared: Result):
 
 
 def test_drawn_plants_are_the_same_whatever_their_number():
-    few = load_scene("compare_tracking", ["draws.members=3", "draws.known=0"]).table
-    many = load_scene("compare_tracking").table
+    few = wo.load("compare_tracking", ["draws.members=3", "draws.known=0"])
+    many = wo.load("compare_tracking")
     gait = fast_gait(1.0)
-    for a, b in zip(draw_plants(few, gait), draw_plants(many, gait), strict=False):
+    for a, b in zip(few.plants(gait), many.plants(gait), strict=False):
         for name, values in a.items():
             np.testing.assert_array_equal(values, b[name])
             assert np.all(np.abs(values / np.mean(values) - 1) < 1)
-    factors = np.array([each["friction_backward"] for each in draw_plants(many, gait)]) / 10
+    factors = np.array([each["friction_backward"] for each in many.plants(gait)]) / 10
     assert 0.7 <= factors.min() < 0.72
     assert 1.28 < factors.max() <= 1.3
 

@@ -35,7 +35,7 @@ from wormopt.systems.pair.waveform import first_harmonic, waveform_problem
 
 NAME, EPS = "pair_waveform_design", 0.0355
 NU = math.sqrt(2) + 0.5 * EPS
-WORK = 'aim={minimise="work_per_distance", speed=0.25}'
+WORK = 'objective={minimise="work_per_distance", speed=0.25}'
 
 
 def value(result: Result, name: str):
@@ -158,7 +158,7 @@ def test_the_cheapest_field_has_its_speed_and_takes_less_work_than_a_cosine(chea
 def test_a_speed_beyond_the_field_is_refused_with_what_has_to_give_way(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    change = 'aim={minimise="work_per_distance", speed=0.8}'
+    change = 'objective={minimise="work_per_distance", speed=0.8}'
     arguments = ["run", NAME, "-o", str(tmp_path / "out"), "--quiet", "--set", change]
     assert main([*arguments, "--set", "mesh.arcs=40"]) == 3
     assert "the least that has to give way is field by about 0." in capsys.readouterr().err
@@ -380,9 +380,13 @@ def test_aims_and_plants_that_cannot_be_are_refused():
         ("limits.frequency=[0.4, 0.48]", "limits.strain", "sqrt(2) / 3 = 0.471405"),
         ("limits.slope=0", "limits.slope", "above 0"),
         ("limits.strain=-1", "limits.strain", "above 0"),
-        ("aim={}", "aim", "no objective is given; write"),
-        ('aim={minimise="work_per_distance"}', "aim.speed", "the cheapest motion is rest"),
-        ('aim={maximise="speed", speed=0.2}', "aim.speed", "leave it out"),
+        ("objective={}", "objective", "no objective is given; write"),
+        (
+            'objective={minimise="work_per_distance"}',
+            "objective.speed",
+            "the cheapest motion is rest",
+        ),
+        ('objective={maximise="speed", speed=0.2}', "objective.speed", "leave it out"),
         ('units="SI"', "units", '"dimensionless"'),
         ("search.starts=0", "search.starts", "1 to 100"),
         ("mesh.arcs=1", "mesh.arcs", "2 to 2000"),

@@ -270,7 +270,7 @@ def test_the_worm_moves_in_its_picture():
 @pytest.mark.parametrize(
     ("change", "key", "words"),
     [
-        ("tube.radius=4e-3", "tube.radius", "no room"),
+        ("pipe.radius=4e-3", "pipe.radius", "no room"),
         ("limits.clearance=0.06e-3", "limits.clearance", "write at most that"),
         ("limits.anchors=4", "limits.anchors", "at most 3"),
     ],
@@ -284,7 +284,7 @@ def test_scenes_are_refused(change: str, key: str, words: str):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ("tube.wall_force=1e-3", "write at least 0.0183335"),
+        ("pipe.wall_force=1e-3", "write at least 0.0183335"),
         ("limits.anchors=1", "write at least 2"),
     ],
 )
@@ -301,7 +301,7 @@ def test_a_push_beyond_elastic_return_is_warned_of():
 @pytest.mark.parametrize(("drag", "spare"), [(0.01, False), (0.009, True)])
 def test_anchors_that_hold_just_what_they_must_are_warned_of(drag: float, spare: bool):
     """One of three holds 0.25 times 0.08 N, and two move."""
-    tube = ["tube.friction=0.25", "tube.wall_force=0.08", f"worm.drag={drag}"]
+    tube = ["pipe.friction=0.25", "pipe.wall_force=0.08", f"worm.drag={drag}"]
     result = wo.run(wo.load_scene("peristaltic_design", [*QUICK, *tube]))
     assert result.status == "ok", result.reason
     assert result["reserve_min"].value == pytest.approx(0.02 / (2 * drag))

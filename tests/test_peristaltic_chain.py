@@ -323,7 +323,7 @@ def test_a_course_that_varies_is_held_at_its_middles():
     assert schedule.values[:, 1] == pytest.approx(2 - schedule.values[:, 0])
 
 
-SHORT = ["want=[]", "course.cycles=2", "course.settle=1"]
+SHORT = ["want=[]", "time.cycles=2", "time.settle=1"]
 
 
 def test_the_scene_in_a_tube_moves_against_its_wave():
@@ -378,7 +378,7 @@ def test_ordinary_rubber_does_not_move_and_says_why():
         ("ground.radius", ["ground.radius=4e-3"], "write more than 0.005"),
         ("ground.friction", ["ground.friction=0.0", "worm.load=1e-3"], "0.0135"),
         ("wave.on", ["wave.on=4"], "at most 3"),
-        ("course.settle", ["course.cycles=2"], "at most 1"),
+        ("time.settle", ["time.cycles=2"], "at most 1"),
     ],
 )
 def test_what_cannot_be_is_refused_with_what_would_do(key: str, sets: list[str], number: str):

@@ -485,7 +485,7 @@ def test_ordinary_rubber_will_not_move():
     ):
         for more, sign in ((1.001, 1), (0.999, -1)):
             changed = advised * more
-            scene = load_scene(RUBBER, [f"{key}={changed}", "points=11"])
+            scene = load_scene(RUBBER, [f"{key}={changed}", "samples=11"])
             touches = value(wo.run(scene), "normal_force") > 0
             assert touches == ((sign > 0) == (key == "coil.pressure"))
 
@@ -504,7 +504,7 @@ def test_a_pressure_too_small_for_the_true_membrane():
         ("segment.length=0.2", "the rubber pushes with"),
         ("coil.share=1.0", "coil.share below 0.9803"),
         ("coil.pressure=100", "the segment sags"),
-        ("tube.friction=0", "without friction nothing holds"),
+        ("pipe.friction=0", "without friction nothing holds"),
     ],
 )
 def test_why_it_does_not_move(change: str, says: str):
@@ -523,8 +523,8 @@ def test_why_it_does_not_move(change: str, says: str):
             "inflation.pressure",
             "8-fold; write at most 299.92",
         ),
-        ("tube.radius=0.005", "tube.radius", "write more than 0.005"),
-        ("tube.friction=0", "tube.friction", "write at least 0.0671"),
+        ("pipe.radius=0.005", "pipe.radius", "write more than 0.005"),
+        ("pipe.friction=0", "pipe.friction", "write at least 0.0671"),
         ("stretches=[-0.8, 1.1]", "stretches[0]", "above 0"),
         ("segment.wall=4e-3", "segment.wall", "less than 0.0025"),
         ("winding.inner_radius=5e-3", "winding.inner_radius", "more than 0.00505"),

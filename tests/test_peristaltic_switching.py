@@ -248,8 +248,8 @@ def test_the_packaged_scene_in_its_own_units_and_in_si():
     ("change", "told"),
     [
         ("limits.dwell=12.0", r"limits\.dwell: .*at most 10"),
-        ("aim={}", "aim: no objective or two .*; write"),
-        ("aim.speed=1.0", r"aim\.speed"),
+        ("objective={}", "objective: no objective or two .*; write"),
+        ("objective.speed=1.0", r"objective\.speed"),
         ("limits.together=5", r"limits\.together: there are only 3"),
         ("ground.exponent=0.0", r"ground\.exponent: .*write 1\.0, or -1\.0"),
         ("worm.length_on=1.4", r"worm\.length_on: equals length_off"),

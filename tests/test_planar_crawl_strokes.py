@@ -250,7 +250,7 @@ def test_a_worm_that_slips_is_warned_of_and_has_no_promise():
         ("planar_turn_in_place", "worm.short=0.9999999", "worm.short", "0.999"),
         ("planar_turn_in_place", "worm.bent=4.0", "worm.bent", "within ±π"),
         ("planar_turn_in_place", "worm.bent=-1.2", "worm.bent", "does not swing"),
-        ("planar_turn_in_place", "pace.link=0", "pace.link", "above 0"),
+        ("planar_turn_in_place", "rate.link=0", "rate.link", "above 0"),
     ],
 )
 def test_scenes_that_make_no_sense_are_refused(name: str, change: str, key: str, words: str):

@@ -251,8 +251,8 @@ def test_what_makes_no_sense_is_refused():
         ("grips=[1.0,2.0]", "grips"),
         ("ground.law=unit", "ground.law"),
         ("limits.angle=[1.0,-1.0]", "limits.angle"),
-        ("aim.pivot=5", "aim"),
-        ("aim.pose=[1.0,0.0]", "aim.pose"),
+        ("objective.pivot=5", "objective"),
+        ("objective.pose=[1.0,0.0]", "objective.pose"),
     ],
 )
 def test_scenes_say_what_is_wrong(change: str, key: str):

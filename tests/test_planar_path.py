@@ -431,7 +431,7 @@ def test_obstacles_that_are_none_are_refused(obstacle: object, message: str):
 
 # -- the scene -------------------------------------------------------------------------------------
 
-QUICK = ["want=[]", "obstacles=[]", "course.goal=[1.5, 0.4, 0.6]"]
+QUICK = ["want=[]", "obstacles=[]", "route.goal=[1.5, 0.4, 0.6]"]
 
 
 def test_scene_of_a_short_path_agrees_with_its_simulation_and_a_weak_pin_fails_it():
@@ -453,9 +453,9 @@ def test_scene_of_crawls_says_who_rests():
         for bend in (0.0, 0.6, -0.6)
     ]
     changes = [
-        "want=[]", "obstacles=[]", "course.goal=[2.2, 0.2, 0.3]", "ground.backward=3.0",
+        "want=[]", "obstacles=[]", "route.goal=[2.2, 0.2, 0.3]", "ground.backward=3.0",
         "rest=[0.6, 0.6, 0.4]", f"gaits=[{', '.join(gaits)}]",
-        "course.tolerance.place=1e-5", "course.tolerance.angle=1e-5",
+        "route.tolerance.place=1e-5", "route.tolerance.angle=1e-5",
     ]  # fmt: skip
     result = wo.run(load_scene("planar_path", changes))
     assert result.status == "ok"
@@ -464,7 +464,7 @@ def test_scene_of_crawls_says_who_rests():
 
 
 def test_a_path_that_starts_at_the_goal_has_no_steps():
-    result = wo.run("planar_path", ["obstacles=[]", "course.goal=[0.0, 0.0, 0.0]"])
+    result = wo.run("planar_path", ["obstacles=[]", "route.goal=[0.0, 0.0, 0.0]"])
     assert (result.status, result["steps"].value, "amplitude" in result) == ("ok", 0, False)
     assert path(result).axes
 
@@ -493,7 +493,7 @@ def test_unreachable_goals_tell_why():
         ("obstacles.0.shape=cube", "obstacles[0]"),
         ("radius=thick", "radius"),
         ("gaits=[]", "gaits"),
-        ("course.goal=[1.0, 2.0]", "course.goal"),
+        ("route.goal=[1.0, 2.0]", "route.goal"),
         ("gaits.0.changes=[[-0.7, 0.0, 0.0]]", "gaits[0].changes"),
     ],
 )

@@ -31,7 +31,7 @@ from wormopt.plotting import draw, figure, save
 from wormopt.plotting.parts import LINKS, stretches
 from wormopt.quantities import Scalar
 from wormopt.result import Result
-from wormopt.systems.channel.plots import rod
+from wormopt.systems.channel import pictures as rod
 
 SAVED = Path(__file__).parent / "results"
 # Packaged scenes whose results are drawn, by picture; those saved are made by results/make.py.
@@ -81,7 +81,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "coil_film": ("fig24_travelling_wave",),
     "cargo": ("coil_cargo",),
     "carried": ("body_in_film",),
-    "floats": ("fig27_float", "course.periods=3.0"),
+    "floats": ("fig27_float", "time.periods=3.0"),
     "travelling_field": ("travelling_field",),
     "coil_design": ("coil_cargo_design",),
     "row_currents": ("coil_row_inverse",),
@@ -774,7 +774,7 @@ def test_plot_draws_what_the_scene_wants_beside_the_result(saved: Path, capsys: 
     assert capsys.readouterr().out.split() == [str(saved / name) for name in drawn]
     assert main(["plot", str(saved / "result.nc"), "gait", "--format", "pdf"]) == 0
     listed = json.loads((saved / "summary.json").read_text())["files"]
-    assert listed == ["result.nc", "summary.json", *drawn, "gait.pdf"]
+    assert listed == ["result.nc", "summary.json", "certificate.json", *drawn, "gait.pdf"]
     assert {path.name for path in saved.iterdir()} == set(listed)
     assert Result.load(saved).scalars == sample("limits").scalars
     # they are its own now, to be drawn again

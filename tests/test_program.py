@@ -11,8 +11,8 @@ from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
 from test_certify import one_link_speed, one_links
 
-from wormopt.bench import design_cases, design_rivals
-from wormopt.bench.design_cases import Motion
+from tests.benchmarks import design_cases, design_rivals
+from tests.benchmarks.design_cases import Motion
 from wormopt.errors import SolveError
 from wormopt.numerics.bilinear import Climb, Point
 from wormopt.study.given import plain

@@ -13,7 +13,7 @@ from scipy.stats import norm
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.errors import Fault, SceneError
+from wormopt.errors import SceneError
 from wormopt.fitting.inference.posterior import Posterior
 from wormopt.numerics.workers import Engine, using
 from wormopt.quantities import Variable
@@ -21,10 +21,9 @@ from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.study.scene import scene_within
 from wormopt.systems.chain import chain
-from wormopt.systems.recorded.columns import read_columns
+from wormopt.systems.recorded import fit as fit_kind
+from wormopt.systems.recorded.recording_file import RecordingFile, read_columns
 from wormopt.systems.recorded.recordings import Run, runs_of
-from wormopt.systems.recorded.runs import fit as fit_run
-from wormopt.systems.recorded.scenes.fit import RecordingTable
 from wormopt.systems.recorded.tables import Measured
 
 WORM = {
@@ -85,16 +84,18 @@ def written(folder: Path, text: str) -> Path:
     ],
 )
 def test_what_is_wrong_in_a_file_is_told_by_its_place(tmp_path: Path, text: str, said: str):
-    faults: list[Fault] = []
-    assert read_columns(written(tmp_path, text), "time", faults, "recording[0].file") is None
-    assert faults[0][0] == "recording[0].file"
+    with pytest.raises(SceneError) as refused:
+        read_columns(written(tmp_path, text), "time")
+    faults = refused.value.faults
+    assert faults[0][0] == "file"
     assert re.search(said, faults[0][1]), faults
 
 
 def test_many_faults_are_counted_not_listed(tmp_path: Path):
     path = written(tmp_path, "time,x\n-1,0\n" + "".join(f"{k},?\n" for k in range(40)))
-    faults: list[Fault] = []
-    read_columns(path, "time", faults, "file")
+    with pytest.raises(SceneError) as refused:
+        read_columns(path, "time")
+    faults = refused.value.faults
     assert len(faults) == 6
     assert "35 more" in faults[-1][1]
 
@@ -102,10 +103,7 @@ def test_many_faults_are_counted_not_listed(tmp_path: Path):
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_columns_units_and_gaps_are_read(tmp_path: Path, separator: str):
     text = "\ufeff# by hand\ntime (s), x [mm] ,position[1]\n0,1,\n\n0.5,NaN,2e-3\n1,3,\n"
-    faults: list[Fault] = []
-    found = read_columns(written(tmp_path, text.replace(",", separator)), "time", faults, "file")
-    assert found is not None
-    assert faults == []
+    found = read_columns(written(tmp_path, text.replace(",", separator)), "time")
     assert found.units == {"": "s", "x": "mm"}
     assert list(found.time) == [0.0, 0.5, 1.0]
     assert found.values["x"][::2] == (1.0, 3.0)
@@ -117,7 +115,7 @@ def test_what_a_camera_writes_is_read_as_it_is(tmp_path: Path):
     """Lines above the names, remarks, frames for times, one lost, an axis that points back."""
     text = "Tracker 3.2\nworm 7; 50 fps\n\nframe;head [mm];back;quality\n"
     text += "1400;60;0;fair\n1402;61;-1;good\n1403;65;-2;\n"
-    table = RecordingTable(
+    table = RecordingFile(
         file=str(written(tmp_path, text)),
         time="frame",
         columns={"head": "position[0]", "back": "position[1]"},
@@ -125,7 +123,7 @@ def test_what_a_camera_writes_is_read_as_it_is(tmp_path: Path):
         window=(1401.0, 1403.0),
     )
     model = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
-    assert list(table.faults(tmp_path, "SI", "recording[0]")) == []
+    assert list(table.faults_in(tmp_path, "SI")) == []
     (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
     assert run.recording.time == pytest.approx([28.04, 28.06], rel=1e-15)
     assert run.recording.values["position"] == pytest.approx(
@@ -136,7 +134,7 @@ def test_what_a_camera_writes_is_read_as_it_is(tmp_path: Path):
 
 def test_words_in_a_column_that_is_a_signal_are_refused(tmp_path: Path):
     text = "time,position[0],position[1]\n0,1,bad\n1,2,good\n"
-    table = RecordingTable(file=str(written(tmp_path, text)))
+    table = RecordingFile(file=str(written(tmp_path, text)))
     model = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
     with pytest.raises(SceneError, match=r"column position\[1\] contains text"):
         runs_of([table], tmp_path, model, "SI", {}, "scene")
@@ -195,7 +193,7 @@ def runs(folder: Path, text: str, units: str = "SI", **table: Any) -> list[Run]:
     worm = chain(
         1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06, law=wo.Coulomb(0.2, 0.8)
     )
-    tables = [RecordingTable(file="run.csv", **table)]
+    tables = [RecordingFile(file="run.csv", **table)]
     return runs_of(tables, folder, worm, units, {"position": 1e-3}, "scene")
 
 
@@ -256,7 +254,7 @@ def test_our_own_results_are_recordings(tmp_path: Path):
     )
     Result("crawl", "simulate", variables=signals).save(tmp_path)
     worm = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
-    (run,) = runs_of([RecordingTable(file="result.nc")], tmp_path, worm, "SI", {}, "scene")
+    (run,) = runs_of([RecordingFile(file="result.nc")], tmp_path, worm, "SI", {}, "scene")
     assert run.recording.readings["position"] == pytest.approx(position, abs=0)
     assert run.recording.readings["energy"] == pytest.approx(np.array([[1e-3, 2e-3, 3e-3]]))
     assert run.left_out == ()
@@ -267,7 +265,7 @@ def test_files_that_are_no_netcdf_are_refused(tmp_path: Path, text: str):
     (tmp_path / "run.nc").write_text(text, encoding="utf-8")
     worm = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
     with pytest.raises(SceneError, match="is not a NetCDF-3 file"):
-        runs_of([RecordingTable(file="run.nc")], tmp_path, worm, "SI", {}, "scene")
+        runs_of([RecordingFile(file="run.nc")], tmp_path, worm, "SI", {}, "scene")
 
 
 # -- what is found ---------------------------------------------------------------------------------
@@ -352,7 +350,7 @@ def test_draws_of_the_posterior_are_told(monkeypatch: pytest.MonkeyPatch):
     spread = np.linspace(0.0, 1.0, 41)[None, :, None] * np.ones((2, 1, 3))
     drawn = Posterior(("damping", "forward", "backward"), spread, 0, np.array([1.2, 1, 1]),
                       np.full(3, 500.0))  # fmt: skip
-    monkeypatch.setattr(fit_run, "posterior", lambda found, **given: drawn)
+    monkeypatch.setattr(fit_kind, "posterior", lambda found, **given: drawn)
     change = ["profiles=false", "want=[]", "posterior={draws=100}", "level=0.9"]
     result = wo.run(load_scene("fit_pair", change))
     assert result["damping_posterior"].value == pytest.approx([0.05, 0.95])

@@ -23,7 +23,7 @@ SCENES = Path(__file__).parents[1] / "docs" / "scenes.md"
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_page_of_a_kind_says_all(kind: str):
-    table, rows = KINDS[kind].load_table(), set[str]()
+    table, rows = KINDS[kind].load(), set[str]()
     for line in page(kind).splitlines():
         rows |= {line.partition(" |")[0]} if line.startswith("| `") else set()
     keys = {key for part in tables_below(table) for key in part.__struct_fields__}
@@ -39,7 +39,7 @@ def test_every_kind_is_in_the_table_of_scenes():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_key_says_what_it_means(kind: str):
-    for table in tables_below(KINDS[kind].load_table()):
+    for table in tables_below(KINDS[kind].load()):
         for field in msgspec.structs.fields(table):
             if field.name != "kind":
                 quantity, what = meaning(field.type)
@@ -49,7 +49,7 @@ def test_every_key_says_what_it_means(kind: str):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_quantity_of_a_result_has_a_unit_and_a_meaning(kind: str):
-    table = KINDS[kind].load_table()
+    table = KINDS[kind].load()
     declared = [*table.scalars.values(), *((q, what) for q, _, what in table.variables.values())]
     assert declared
     for quantity, what in declared:

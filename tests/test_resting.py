@@ -12,8 +12,8 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from scipy.optimize import brentq
-from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
+from tests.oracles.beams import bent_cantilever
 from wormopt.analysis.resting import Loaded, Rest
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.magnetics.blocks import BlockField, block_field
@@ -85,17 +85,6 @@ def test_an_even_load_presses_a_rod_flat_on_a_wall(load: float, side: float):
     assert not rest.stable  # it slides along for nothing
 
 
-def tip_of_elastica(angle: float) -> tuple[float, float]:
-    """Force, over E I / length², and deflection over the length, by the angle of the tip.
-
-    K. E. Bisshopp, D. C. Drucker, Quart. Appl. Math. 3 (1945) 272.
-    """
-    m = (1 + math.sin(angle)) / 2
-    start = math.asin(1 / math.sqrt(2 * m))
-    root = ellipk(m) - ellipkinc(start, m)
-    return root**2, 1 - 2 * (ellipe(m) - ellipeinc(start, m)) / root
-
-
 @pytest.mark.parametrize(
     ("ratio", "deflection"),
     [
@@ -114,9 +103,9 @@ def test_three_points_press_as_the_elastica_says(ratio: float, deflection: float
     half, height = 0.1, deflection * 0.1
     rod = rubber(24, length=2 * half, diameter=2 * half / ratio)
     channel = height + rod.diameter
-    angle: Any = brentq(lambda a: tip_of_elastica(a)[1] - deflection, 1e-6, 1.5, xtol=1e-14)
+    angle: Any = brentq(lambda a: bent_cantilever(a)[2] - deflection, 1e-6, 1.5, xtol=1e-14)
     stiffness = rod.stiffness().bending
-    spring = tip_of_elastica(angle)[0] * stiffness / half**2
+    spring = bent_cantilever(angle)[0] * stiffness / half**2
     force = np.zeros((2, rod.count))
     tips, middle = (0, rod.count - 1), rod.count // 2
     force[1, list(tips)] = -3 * spring
@@ -138,9 +127,9 @@ def test_three_points_press_as_the_elastica_says(ratio: float, deflection: float
 
 def _bent_energy(deflection: float) -> float:
     """Of two cantilevers: the work of the tip's force as it grows, by Simpson's rule."""
-    angles: list[Any] = [brentq(lambda a, d=d: tip_of_elastica(a)[1] - d, 1e-9, 1.5, xtol=1e-15)
+    angles: list[Any] = [brentq(lambda a, d=d: bent_cantilever(a)[2] - d, 1e-9, 1.5, xtol=1e-15)
               for d in np.linspace(0, deflection, 41)[1:]]  # fmt: skip
-    forces = np.array([0.0, *(tip_of_elastica(a)[0] for a in angles)])
+    forces = np.array([0.0, *(bent_cantilever(a)[0] for a in angles)])
     weights = np.array([1, *([4, 2] * 20)[:-1], 1]) / 3
     return float(2 * weights @ forces * deflection / 40)
 

@@ -17,10 +17,10 @@ from wormopt.plotting import figure
 from wormopt.progress import silent
 from wormopt.result import Check, Result
 from wormopt.study import load_scene
-from wormopt.systems.channel import rod_rest
+from wormopt.systems.channel import rod_rest, segment_shapes
 from wormopt.systems.channel.closed_forms import ChannelWorm
 from wormopt.systems.channel.curve import Curve
-from wormopt.systems.channel.scenes.channel import RestTable
+from wormopt.systems.channel.tables import RodOverCoils
 
 
 def value(result: Result, name: str) -> Any:
@@ -42,7 +42,7 @@ def fault(found: rod_rest.RodAtRest) -> str:
 
 @lru_cache
 def small() -> rod_rest.RodAtRest:
-    return rod_rest.rest_of(ChannelWorm.of("sample-1"), RestTable(elements=20), silent)
+    return rod_rest.rest_of(ChannelWorm.of("sample-1"), RodOverCoils(elements=20), silent)
 
 
 @pytest.mark.slow
@@ -157,12 +157,12 @@ def test_rests_of_a_sweep_that_are_not_to_be_trusted_are_left_out(
     table = msgspec.structs.replace(found.table, sweep=(4600.0, 5000.0))
     line = Curve(0.01, lambda share: np.array([0.01 * share, 0 * share, 0 * share]))
     sweep = rod_rest.sweep_of(found.worm, table, {"line": line}, silent)
-    (warning,) = sweep.warnings
+    (warning,) = sweep.left_out
     assert warning.startswith("rod.sweep: left out at 5000 ampere-turns: ")
     assert said in warning
-    assert sweep.lengths == pytest.approx([found.curve.length, np.nan], nan_ok=True)
-    assert np.isfinite(sweep.apart).tolist() == [[True, False]]
-    assert sweep.closest == ["line", None]
+    assert sweep.sweep_arc_length == pytest.approx([found.curve.length, np.nan], nan_ok=True)
+    assert np.isfinite(sweep.sweep_distance).tolist() == [[True, False]]
+    assert sweep.sweep_closest_shape == ["line", None]
     # nor does the next rest start from it
     assert np.array_equal(starts[0], starts[1])
 
@@ -177,8 +177,8 @@ def test_a_body_of_unknown_modulus_is_left_out():
 @pytest.mark.parametrize(
     ("change", "key", "message"),
     [
-        ("rod.inner=9e-3", "rod.inner", "write less"),
-        ("rod.outer=11e-3", "rod.outer", "write at most 0.01"),
+        ("rod.inner_radius=9e-3", "rod.inner_radius", "write less"),
+        ("rod.outer_radius=11e-3", "rod.outer_radius", "write at most 0.01"),
         ("rod.every=3", "rod.every", "write at least 4"),
         ("rod.elements=10", "rod.elements", "write at least 20"),
         ("rod.sweep=[5, 4]", "rod.sweep", "ascend"),
@@ -226,7 +226,7 @@ def test_what_is_not_to_be_trusted_says_so(monkeypatch: pytest.MonkeyPatch):
     assert "forces are not balanced, by 0.002 (residual)" in fault(replace(found, rest=slope))
     made_up = Check("made up", 1.0, 0.0, "made up")
     monkeypatch.setattr(rod_rest.RodAtRest, "checks", lambda self: iter([made_up]))
-    monkeypatch.setattr(rod_rest, "rest_of", lambda *_: found)
+    monkeypatch.setattr(segment_shapes, "rest_of", lambda *_: found)
     result = wo.run(load_scene("segment_shapes", ["points=21"]))
     assert (result.status, result.reason) == ("failed", "made up")
     assert made_up in result.checks

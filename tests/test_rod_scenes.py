@@ -21,30 +21,18 @@ from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import silent
 from wormopt.simulation.moreau import MoreauJean
+from wormopt.systems.channel import rod_frequency
 from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_course import RodPoint, mean_velocity
+from wormopt.systems.channel.rod_frequency import rod_points
 from wormopt.systems.channel.rod_model import (
     block_load,
     block_schedule,
     magnetic_strength,
     switched_blocks,
 )
-from wormopt.systems.channel.runs import rod_course, rod_frequency
-from wormopt.systems.channel.runs.rod_case import RodCase
-from wormopt.systems.channel.runs.rod_course import (
-    RodPoint,
-    finer,
-    follow,
-    mean_velocity,
-    rod_points,
-)
-from wormopt.systems.channel.scenes.rod import (
-    ChannelTable,
-    CourseTable,
-    MeshTable,
-    PatternTable,
-    WormTable,
-    ZigzagTable,
-)
+from wormopt.systems.channel.rod_motion import RodMotion
+from wormopt.systems.channel.tables import Channel, Course, Mesh, Worm
 
 MU0 = 4e-7 * np.pi
 COIL = Coil(2e-3, 9e-3, 20e-3)
@@ -185,7 +173,7 @@ def test_the_mean_of_what_repeats_itself_is_exact(speed: float, phase: float, sw
     t = np.linspace(0.0, 20.0, 4001)
     place = speed * t + swing * np.sin(2 * np.pi * t + phase)
     mean = mean_velocity(t, place, cycle=1.0, settle=0.25)
-    assert mean.value == pytest.approx(speed, abs=1e-9)
+    assert mean.velocity == pytest.approx(speed, abs=1e-9)
     assert mean.error < 1e-9
     assert mean.settled or mean.error < 1e-12
 
@@ -196,7 +184,7 @@ def test_intervals_of_noise_hold_the_truth_as_often_as_they_say():
     for _ in range(draws):
         place = np.append(0.0, np.cumsum(random.normal(0.3, 1.0, 32)))
         mean = mean_velocity(np.arange(33.0), place, cycle=1.0, settle=0.25)
-        inside += abs(mean.value - 0.3) <= mean.error
+        inside += abs(mean.velocity - 0.3) <= mean.error
     assert abs(inside / draws - 0.95) < 3 * np.sqrt(0.95 * 0.05 / draws)
 
 
@@ -239,30 +227,28 @@ def test_compass_seldom_takes_noise_for_a_gain():
 # --- one motion --------------------------------------------------------------------------
 
 
-def case(rate: float = 50.0, **tables: dict[str, Any]) -> RodCase:
-    """A coarse rod, followed for a short time."""
+def case(rate: float = 50.0, **tables: dict[str, Any]) -> RodMotion:
+    """A coarse rod, simulated for a short time."""
     coarse = {"mesh": {"elements": 10, "degree": 1}, "course": {"cycles": 4, "duration": 0.05}}
-    plain = RodCase(
-        WormTable(), ChannelTable(), ZigzagTable(), PatternTable(), MeshTable(), CourseTable(), rate
-    )
+    plain = RodMotion(units="SI", switching={"rate": rate})
     return plain.varied(**(coarse | tables))
 
 
 def test_a_rod_in_a_travelling_field_goes_against_it_and_balances_its_energy():
     fine = {"elements": 10, "degree": 1, "step": 4e-5}
-    course = follow(case(mesh=fine, course={"cycles": 6}))
-    assert course.point.velocity < 0
-    assert course.point.energy_error < 1e-2
-    assert 0 <= course.point.penetration < 0.05
-    assert course.steps.pressed.min() >= 0
+    crawl = case(mesh=fine, course={"cycles": 6})
+    assert crawl.point.velocity < 0
+    assert crawl.point.energy_error < 1e-2
+    assert 0 <= crawl.point.penetration < 0.05
+    assert crawl.motion.pressed.min() >= 0
     # Coulomb: no more than friction times what presses, but for rounding of summed impulses
-    assert np.all(np.abs(course.steps.rubbed) <= 0.5 * course.steps.pressed + 1e-10)
+    assert np.all(np.abs(crawl.motion.rubbed) <= 0.5 * crawl.motion.pressed + 1e-10)
 
 
 def test_without_a_field_nothing_moves():
-    course = follow(case(coils={"ampere_turns": 1e-6}))
-    assert np.ptp(course.centre) < 1e-12
-    assert course.point.velocity == pytest.approx(0.0, abs=1e-12)
+    still = case(coils={"ampere_turns": 1e-6})
+    assert np.ptp(still.mean_place) < 1e-12
+    assert still.point.velocity == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.slow
@@ -286,13 +272,13 @@ def test_motions_are_kept_and_not_followed_again(tmp_path: Path, monkeypatch: An
     first = rod_points(cases[:1], tmp_path, silent, "testing")
     assert len(list(tmp_path.glob("*.json"))) == 1
 
-    told: list[RodCase] = []
+    told: list[RodMotion] = []
 
-    def pretend(one: RodCase, folder: Path) -> RodPoint:
+    def pretend(one: RodMotion, folder: Path) -> RodPoint:
         told.append(one)
-        return RodPoint.lost(one.rate, "never followed")
+        return RodPoint.lost(one.switching.rate, "never followed")
 
-    monkeypatch.setattr(rod_course, "_follow_and_keep", pretend)
+    monkeypatch.setattr(rod_frequency, "_simulate_and_keep", pretend)
     again = rod_points(cases, tmp_path, silent, "testing")
     assert told == cases[1:]
     assert again[0] == first[0]
@@ -301,8 +287,8 @@ def test_motions_are_kept_and_not_followed_again(tmp_path: Path, monkeypatch: An
 
 def test_a_damaged_file_counts_as_missing(tmp_path: Path):
     one = case(100.0)
-    rod_course._file(one, tmp_path).write_text("{")
-    assert rod_course.kept(one, tmp_path) is None
+    rod_frequency._file(one, tmp_path).write_text("{")
+    assert rod_frequency.kept(one, tmp_path) is None
 
 
 def points(velocities: dict[float, float]) -> Any:
@@ -312,9 +298,13 @@ def points(velocities: dict[float, float]) -> Any:
         del folder, report, text
         rates, speeds = np.array(list(velocities)), np.array(list(velocities.values()))
         return [
-            RodPoint(one.rate, float(speed), 1e-4, True, 1e-4, 1e-3, 1e-3, 0.0125, 1.0)
-            for one, speed in zip(cases, np.interp([c.rate for c in cases], rates, speeds),
-                                  strict=True)
+            RodPoint(
+                rate=one.switching.rate, velocity=float(speed), error=1e-4, settled=True,
+                energy_error=1e-4, penetration=1e-3, field_error=1e-3, arc_length=0.0125,
+            )
+            for one, speed in zip(
+                cases, np.interp([c.switching.rate for c in cases], rates, speeds), strict=True
+            )
         ]  # fmt: skip
 
     return find
@@ -329,7 +319,7 @@ CURVE = {5.0: -0.01, 50.0: -0.1, 100.0: -0.12, 200.0: -0.06, 400.0: 0.0, 1000.0:
 
 def response(monkeypatch: Any, *more: str) -> wo.Result:
     monkeypatch.setattr(rod_frequency, "rod_points", points(CURVE))
-    sets = ["rates=[5,50,100,200,400,1000]", "search.rounds=0", "search.refine=0", *more]
+    sets = ["frequencies=[5,50,100,200,400,1000]", "search.rounds=0", "search.refine=0", *more]
     return wo.run(wo.load_scene("fig22_frequency_response", sets))
 
 
@@ -361,9 +351,9 @@ def test_lost_motions_are_kept_and_told(tmp_path: Path, monkeypatch: Any):
     def fail(*given: Any) -> Any:
         raise wo.SolveError("the motion is no longer a number")
 
-    monkeypatch.setattr(rod_course, "follow", fail)
+    monkeypatch.setattr(RodMotion, "point", property(fail))
     (found,) = rod_points([case()], tmp_path, silent, "testing")
-    back = rod_course.kept(case(), tmp_path)
+    back = rod_frequency.kept(case(), tmp_path)
     assert back is not None
     assert found.reason == back.reason == lost.reason
     assert np.isnan([found.velocity, back.velocity, back.arc_length]).all()
@@ -380,7 +370,7 @@ def test_a_lost_motion_fails_the_study_and_says_where(stage: str, monkeypatch: A
         return [RodPoint.lost(found[0].rate, "it was lost"), *found[1:]] if hit else found
 
     monkeypatch.setattr(rod_frequency, "rod_points", find)
-    sets = ["rates=[5,50,100,200]", "search.rounds=0", "search.refine=3"]
+    sets = ["frequencies=[5,50,100,200]", "search.rounds=0", "search.refine=3"]
     result = wo.run(wo.load_scene("fig22_frequency_response", sets))
     assert result.status == "failed"
     assert "it was lost" in result.reason
@@ -392,7 +382,7 @@ def test_motions_that_are_all_lost_end_the_study(monkeypatch: Any):
     monkeypatch.setattr(
         rod_frequency,
         "rod_points",
-        lambda cases, *_: [RodPoint.lost(c.rate, "lost") for c in cases],
+        lambda cases, *_: [RodPoint.lost(c.switching.rate, "lost") for c in cases],
     )
     with pytest.raises(wo.SolveError, match="lost; write a shorter"):
         wo.run(wo.load_scene("fig22_frequency_response"))
@@ -400,10 +390,15 @@ def test_motions_that_are_all_lost_end_the_study(monkeypatch: Any):
 
 @pytest.mark.parametrize("name", ["fig21_rod_motion", "fig22_frequency_response"])
 def test_steps_that_are_too_long_are_told_without_a_traceback(name: str, tmp_path: Path):
-    small = ["mesh.elements=10", "mesh.degree=1", "mesh.step=0.01", "course.cycles=4",
-             "course.duration=0.1", "want=[]"]  # fmt: skip
+    small = ["mesh.elements=10", "mesh.degree=1", "mesh.step=0.01", "time.cycles=4",
+             "time.end=0.1", "want=[]"]  # fmt: skip
     if name.startswith("fig22"):
-        small += ["rates=[50]", "search.rounds=0", "search.refine=0", "sensitivity.rates=[50]"]
+        small += [
+            "frequencies=[50]",
+            "search.rounds=0",
+            "search.refine=0",
+            "sensitivity.frequencies=[50]",
+        ]
     sets = [word for change in small for word in ("--set", change)]
     assert main(["run", name, "-o", str(tmp_path / "out"), "--quiet", *sets]) == 3
 
@@ -419,7 +414,7 @@ def test_a_stopped_motion_is_told_without_a_traceback(tmp_path: Path, monkeypatc
 def test_standing_still_and_going_with_the_field_exclude_each_other(monkeypatch: Any):
     curve = CURVE | {400.0: 1e-6, 1000.0: 2e-3}  # slow, but surely forward
     monkeypatch.setattr(rod_frequency, "rod_points", points(curve))
-    sets = ["rates=[5,100,400,1000]", "search.rounds=0", "search.refine=0"]
+    sets = ["frequencies=[5,100,400,1000]", "search.rounds=0", "search.refine=0"]
     found = wo.run(wo.load_scene("fig22_frequency_response", sets)).scalars
     assert found["standstill_frequencies"].value == [400]
     assert found["forward_frequencies"].value == [1000]
@@ -432,8 +427,8 @@ def test_nothing_is_called_sensitive_where_nothing_changes(monkeypatch: Any):
 
 def test_half_the_step_is_half_of_the_step_that_is_taken():
     given = case(mesh={"elements": 10, "degree": 1, "step": 1e-5})
-    assert finer(given).mesh.step == 5e-6
-    assert finer(given, 15).mesh.step is None
+    assert given.finer().mesh.step == 5e-6
+    assert given.finer(15).mesh.step is None
 
 
 def test_a_stopped_study_keeps_its_curve(monkeypatch: Any):
@@ -445,13 +440,9 @@ def test_a_stopped_study_keeps_its_curve(monkeypatch: Any):
             raise KeyboardInterrupt
         return points(CURVE)(cases, *others)
 
-    known = points(CURVE)
     monkeypatch.setattr(rod_frequency, "rod_points", stopped)
-    monkeypatch.setattr(
-        rod_frequency, "kept", lambda one, folder: known([one], folder, silent, "")[0]
-    )
     with pytest.raises(Interrupted) as stop:
-        wo.run(wo.load_scene("fig22_frequency_response", ["rates=[5,50,100]"]))
+        wo.run(wo.load_scene("fig22_frequency_response", ["frequencies=[5,50,100]"]))
     partial: Any = stop.value.partial
     assert partial.status == "failed"
     assert "run again" in partial.reason
@@ -466,7 +457,7 @@ def test_a_best_velocity_that_hangs_on_the_mesh_fails(monkeypatch: Any):
         return [replace(p, velocity=0.5 * p.velocity) for p in found] if "fine" in text else found
 
     monkeypatch.setattr(rod_frequency, "rod_points", find)
-    scene = wo.load_scene("fig22_frequency_response", ["rates=[5,50,100]", "search.rounds=0"])
+    scene = wo.load_scene("fig22_frequency_response", ["frequencies=[5,50,100]", "search.rounds=0"])
     result = wo.run(scene)
     assert result.status == "failed"
     assert "changes by 0.06 m/s on a finer mesh" in result.reason
@@ -480,10 +471,10 @@ def test_a_best_velocity_that_is_hardly_known_fails(monkeypatch: Any):
         "rod_points",
         lambda *given: [replace(point, error=0.07) for point in plain(*given)],
     )
-    scene = wo.load_scene("fig22_frequency_response", ["rates=[5,50,100]", "search.rounds=0"])
+    scene = wo.load_scene("fig22_frequency_response", ["frequencies=[5,50,100]", "search.rounds=0"])
     result = wo.run(scene)
     assert result.status == "failed"
-    assert "longer course.duration" in result.reason
+    assert "longer time.end" in result.reason
     assert "error of the mean velocity on a finer mesh" in refused(result)
 
 
@@ -495,10 +486,9 @@ def test_velocity_over_frequency_rises_rolls_off_and_turns():
     """
     packaged = {"elements": 16, "degree": 2}
     found = [
-        follow(case(rate, mesh=packaged, course={"cycles": 5, "duration": 2.0}))
-        for rate in (10, 250, 700)
+        case(rate, mesh=packaged, course={"cycles": 5, "duration": 2.0}) for rate in (10, 250, 700)
     ]
-    slow, still, fast = (course.point.velocity for course in found)
+    slow, still, fast = (motion.point.velocity for motion in found)
     assert slow < -0.015
     assert abs(still) < 0.2 * abs(slow)
     assert fast > 0.01
@@ -516,11 +506,11 @@ def test_velocity_over_frequency_rises_rolls_off_and_turns():
         ("channel.friction=0", "channel.friction"),
         ("worm.density=-1", "worm.density"),
         ("worm.damping_time=0", "worm.damping_time"),
-        ("coils.outer=1e-3", "coils.inner"),
-        ("coils.outer=12e-3", "coils.outer"),
+        ("coils.outer_radius=1e-3", "coils.inner_radius"),
+        ("coils.outer_radius=12e-3", "coils.outer_radius"),
         ("switching.every=3", "switching.every"),
         ("mesh.elements=5", "mesh.elements"),
-        ("course.settle=1", "course.settle"),
+        ("time.settle=1", "time.settle"),
         ('units="dimensionless"', "units"),
         ("worm.diameter=1e-40", "worm.diameter"),
     ],
@@ -539,7 +529,7 @@ def test_a_sensitivity_to_nothing_is_refused(key: str):
 
 def test_rates_that_do_not_ascend_are_refused():
     with pytest.raises(SceneError, match="rates"):
-        wo.load_scene("fig22_frequency_response", ["rates=[10,5]"])
+        wo.load_scene("fig22_frequency_response", ["frequencies=[10,5]"])
 
 
 @pytest.mark.slow
@@ -585,24 +575,27 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching(
     A rod over four repeats of a pattern of P = 5 coils, 3 of them on; e is the excess length of
     its own segments. Ends that are not gripped and slip at high friction leave some per cent.
     """
-    long = RodCase(
-        WormTable(length=0.2, diameter=1e-3, damping_time=5e-4),
-        ChannelTable(diameter=5e-3, friction=friction),
-        ZigzagTable(),
-        PatternTable(every=5),
-        MeshTable(elements=50),
-        CourseTable(cycles=5, duration=0.1, settle=0.25),
-        rate=5.0,
+    long = RodMotion(
+        units="SI",
+        worm=Worm(length=0.2, diameter=1e-3, damping_time=5e-4),
+        channel=Channel(diameter=5e-3, friction=friction),
+        switching={"every": 5, "rate": 5.0},
+        mesh=Mesh(elements=50),
+        course=Course(cycles=5, duration=0.1, settle=0.25),
     )
-    course = follow(long)
-    excess = course.point.arc_length / long.coils.pitch - 1
+    excess = long.point.arc_length / long.coils.pitch - 1
     law = long.field_speed * excess * (5 - 2) / (5 + 2 * excess)
-    assert low < -course.point.velocity / law < high
+    assert low < -long.point.velocity / law < high
 
 
 @pytest.mark.parametrize(
     "change",
-    ["worm.youngs_modulus=1e12", "worm.density=1e-12", "switching.rate=1e-9", "switching.rate=1e9"],
+    [
+        "worm.youngs_modulus=1e12",
+        "worm.density=1e-12",
+        "switching.frequency=1e-9",
+        "switching.frequency=1e9",
+    ],
 )
 def test_motions_that_would_take_for_ever_are_refused(
     change: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -18,7 +18,7 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from test_program import G1, G1_LIMITS, G1_ORDER, G1_WORM, check
 
-from wormopt.bench.design_cases import draw, task_of
+from tests.benchmarks.design_cases import draw, task_of
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.numerics.bilinear import BilinearProgram
@@ -38,8 +38,9 @@ from wormopt.systems.shared.sequences import (
     wave_orders,
 )
 from wormopt.systems.spiked.bimodal import integrate
+from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design import design as design_module
-from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.files import load_gait
 from wormopt.systems.spiked.gait_problem import (
@@ -582,6 +583,38 @@ def test_the_gait_of_a_least_peak_keeps_its_limits(speed: float):
 def test_peaks_rise_with_the_speed_that_is_asked_for():
     loads = [least_peak(speed).motion.extremes("reaction")[1].max() for speed in (0.69, 0.75, 0.8)]
     assert all(a < b for a, b in pairwise(loads))
+
+
+ONE_MOVES: Any = ((0, 1), (0, 2), (1, 2))  # at a time, of two links
+
+
+@pytest.mark.parametrize(
+    ("drag", "period", "order", "cost"),
+    [  # velocities that bend; then two cycles, each of another length than would cost least
+        (0.602, 2.0, ONE_MOVES, "peak_actuator_force"),
+        (0.602, 2.0, ONE_MOVES, "energy_per_distance"),
+        (0.0, 4.752, ((0,), (1,), (2,)), "peak_actuator_force"),
+        (0.0, 4.752, ((0,), (1,), (2,)), "energy_per_distance"),
+    ],
+)
+def test_what_a_gait_reaches_is_not_refused_where_a_cost_is_minimised(drag, period, order, cost):
+    """The fastest gait reaches nearly its own speed, and its own peak bounds the least."""
+    worm, resting = Worm(2, load=5.0, drag=drag), len(order[0])
+    limits = Limits(period, (0.6, 1.2), rate=0.8, acceleration=25.0, resting=resting)
+    speed = trial.Trier(GaitProblem(worm, limits))
+    free = speed.free(order)
+    fitted = free and speed.fit(free)
+    assert fitted is not None
+    fastest = speed.finer(fitted, 1e-6, trial.BENT if drag else 1)
+    required = fastest.value * (1 - 1e-5)
+    trier = trial.Trier(GaitProblem(worm, limits, Objective.of(cost, required)))
+    free = trier.free(order)
+    found = free and trier.fit(free)
+    assert found is not None
+    motion, known = (crawl(t.gait, worm.masses, drag, worm.load) for t in (found, fastest))
+    assert motion.speed >= required * (1 - 1e-9)
+    if cost == "peak_actuator_force":
+        assert objective_of(motion, cost) <= objective_of(known, cost)
 
 
 FREE = Limits(period=1.0, length=(0.2, 2.0), rate=20.0, acceleration=1000.0)

@@ -6,7 +6,9 @@ import pytest
 from wormopt.numerics.bilinear import BilinearProgram, Climb
 from wormopt.numerics.bilinear_rows import BilinearRows
 from wormopt.numerics.linearised import Excess
+from wormopt.progress import silent
 from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.design import smooth
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Search, Worm
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
@@ -161,3 +163,21 @@ def test_g1_costs_no_more_than_an_independent_search_found(cost, known):
     assert value <= known
     assert max(found.violations.values()) <= 1e-9
     assert found.speed >= 0.7 - 1e-9
+
+
+def test_arcs_of_the_least_energy_are_halved_until_that_gains_little(monkeypatch):
+    """The energy as the crawling worm spends it, a second route, falls with them."""
+    limits = Limits(2.521, (0.417, 1.104), rate=0.768, acceleration=50.2, resting=2)
+    worm = Worm(2, load=1.03, drag=1.964)
+    task = GaitProblem(worm, limits, Objective.of("energy_per_distance", 0.1543))
+    trier = Trier(task)
+    trial = trier.free(((0, 1), (0, 2), (1, 2)))
+    assert trial is not None
+    trial = trier.fit(trial)
+    assert trial is not None
+    most = 1.5 * len(trial.point.x)
+    monkeypatch.setattr(smooth, "_MOST_UNKNOWNS", most)
+    (best, *_), gained = smooth._resolved(task, QUICK, [trial], silent)
+    coarse, fine = motion_of(trial), motion_of(best)
+    assert gained <= 3e-7 or len(best.point.x) > most
+    assert fine.energy / fine.advance < coarse.energy / coarse.advance

@@ -1,4 +1,4 @@
-"""`wormopt stress`: its matrix, its judge, a quick cut of it."""
+"""The stress matrix: its cases, its judge, a quick cut of it."""
 
 import json
 from collections.abc import Iterator
@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wormopt import cli
-from wormopt.bench.stress import GROUPS, averages, gaits, matrix, motions, optima
-from wormopt.bench.stress.chain_cells import cells, jumping_gait
-from wormopt.bench.stress.crawl_route import Crawling, most_speed
-from wormopt.bench.stress.matrix import cases, stress, summary, table
-from wormopt.bench.stress.motions import judge
-from wormopt.bench.stress.verdict import Case, Undecided, Verdict, above, apart, many
+from tests.stress import GROUPS, averages, gaits, matrix, motions, optima
+from tests.stress.__main__ import main
+from tests.stress.chain_cells import cells, jumping_gait
+from tests.stress.crawl_route import Crawling, most_speed
+from tests.stress.matrix import cases, stress, summary, table
+from tests.stress.motions import judge
+from tests.stress.verdict import Case, Undecided, Verdict, above, apart, many
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.systems.spiked.construct import fast_gait
 
@@ -158,7 +158,7 @@ def test_an_interrupted_run_tells_what_it_knows(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(matrix, "stress", stopped)
-    assert cli.main(["stress", "--json"]) == 130
+    assert main(["--json"]) == 130
     found = json.loads(capsys.readouterr().out)
     assert (found["cells"], found["complete"], found["passed"]) == (3, False, False)
 
@@ -168,7 +168,7 @@ def test_the_exit_code_tells_whether_it_passed(
     verdicts: list[Verdict], code: int, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(matrix, "stress", lambda _groups, **_: iter(verdicts))
-    assert cli.main(["stress"]) == code
+    assert main([]) == code
 
 
 @pytest.mark.slow
@@ -237,17 +237,22 @@ def test_each_case_throws_its_own_dice_the_same_every_time():
         yield "one", 0.0
 
     for _ in range(2):
-        for case in many("questions", compare, 2, quick=False):
+        for case in many([("questions", compare, 2)], quick=False):
             case.judge()
     assert thrown[:2] == thrown[2:]
     assert thrown[0] != thrown[1]
 
 
 def test_an_unknown_group_is_refused(capsys: pytest.CaptureFixture[str]):
-    assert cli.main(["stress", "motion"]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main(["motion"])
     said = capsys.readouterr().err
     assert "motion;" in said
     assert all(name in said for name in GROUPS)
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    said = capsys.readouterr().out
+    assert all(name in said and what in said for name, what in GROUPS.items())
 
 
 def test_groups_are_named_on_the_command_line(monkeypatch: pytest.MonkeyPatch):
@@ -258,7 +263,7 @@ def test_groups_are_named_on_the_command_line(monkeypatch: pytest.MonkeyPatch):
         return iter(VERDICTS)
 
     monkeypatch.setattr(matrix, "stress", none)
-    assert cli.main(["stress", "Gaits", "films", "gaits", "--quick"]) == 0
+    assert main(["Gaits", "films", "gaits", "--quick"]) == 0
     assert asked == [(["gaits", "films"], True)]
 
 

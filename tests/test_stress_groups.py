@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wormopt.bench.stress import (
+from tests.stress import (
     bodies,
     carried,
     fields,
@@ -21,7 +21,7 @@ from wormopt.bench.stress import (
     segments,
     swimmers,
 )
-from wormopt.bench.stress.means import refused
+from tests.stress.means import refused
 from wormopt.errors import ArgumentError
 
 GROUPS = ("films", "bodies", "fields", "segments", "swimmers")
@@ -35,7 +35,7 @@ LONG = {
 
 
 def listed(group: str, *, quick: bool) -> list[Any]:
-    return list(import_module(f"wormopt.bench.stress.{group}").cases(quick=quick))
+    return list(import_module(f"tests.stress.{group}").cases(quick=quick))
 
 
 @pytest.mark.parametrize("group", GROUPS)

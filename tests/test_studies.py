@@ -13,7 +13,6 @@ import pytest
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SolveError
-from wormopt.kind import StudyKind
 from wormopt.kinds import KINDS
 from wormopt.study import Study, packaged_scenes
 from wormopt.study.scene import times_of_scenes
@@ -23,13 +22,12 @@ QUICK = 2.0
 
 
 def quickest() -> dict[str, tuple[float, str]]:
-    """Seconds and name of the quickest packaged scene of each kind that is a study."""
+    """Seconds and name of the quickest packaged scene of each kind."""
     times, found = times_of_scenes(), dict[str, tuple[float, str]]()
     for name, path in packaged_scenes().items():
         kind = tomllib.loads(path.read_text(encoding="utf-8"))["kind"]
-        if isinstance(KINDS[kind], StudyKind):
-            here = (times.get(name, 0.0), name)
-            found[kind] = min(here, found.get(kind, here))
+        here = (times.get(name, 0.0), name)
+        found[kind] = min(here, found.get(kind, here))
     return found
 
 
@@ -44,7 +42,7 @@ def marked(kind: str, *more: str) -> Any:
 
 
 def stages(kind: str) -> list[str]:
-    members = KINDS[kind].load_table().members.values()
+    members = KINDS[kind].load().members.values()
     return [member.name for member in members if member.role == "stage"]
 
 
@@ -61,7 +59,7 @@ FAILING = {
 @pytest.fixture
 def study(kind: str, monkeypatch: pytest.MonkeyPatch) -> type[Study]:
     """The class of a kind, whose stages are computed once in all tests."""
-    table = KINDS[kind].load_table()
+    table = KINDS[kind].load()
     for name in stages(kind):
         member = table.members[name]
         monkeypatch.setattr(member, "compute", once(kind, name, member.compute))

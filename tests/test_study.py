@@ -27,8 +27,7 @@ from hypothesis import given
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError, WormoptError
-from wormopt.kind import StudyKind
-from wormopt.kinds import KINDS, studies_in
+from wormopt.kinds import KINDS, Kind, studies_in
 from wormopt.quantities import Scalar
 from wormopt.result import Check
 from wormopt.study import (
@@ -466,6 +465,15 @@ def test_names_are_used_once():
 
             @scalar("force", "force")
             def force(self) -> float: ...  # noqa: F811
+
+    with pytest.raises(TypeError, match=r"_Own\.time is a part of pulled too"):
+
+        class _Own(Study):
+            @property
+            def time(self) -> Any: ...
+
+            @parts(Pulled)
+            def pulled(self) -> Any: ...
 
     with pytest.raises(TypeError, match=r"_Twice\.time is a part of two members"):
 
@@ -911,8 +919,7 @@ def test_kinds_are_found_by_their_class_line(tmp_path: Path):
     (folder / "toy.py").write_text(text, encoding="utf-8")
     ((name, kind),) = studies_in(tmp_path)
     assert (name, kind.summary) == ("toy-a", "compute a toy")
-    assert kind.table == "wormopt.systems.toys.toy:Toy"
-    assert kind.study == "wormopt.systems.toys.toy"
+    assert (kind.module, kind.name) == ("wormopt.systems.toys.toy", "Toy")
 
 
 def test_a_study_is_a_scene_and_a_scene_gives_it_back():
@@ -928,7 +935,7 @@ def test_a_study_is_a_scene_and_a_scene_gives_it_back():
 @pytest.fixture
 def toy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A scene of the kind, in a folder that is the current one."""
-    monkeypatch.setitem(KINDS, "toy-pull", StudyKind("pull", f"{__name__}:Pull"))
+    monkeypatch.setitem(KINDS, "toy-pull", Kind("pull", "Pull", __name__))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(
         'schema = 1\nkind = "toy-pull"\nforce = 2\n[spring]\nlength = 1\n', encoding="utf-8"
@@ -945,8 +952,6 @@ def test_load_gives_the_study_of_a_scene(toy: Path):
     assert wo.run(study).scalars["reach"].value == 0.01
     assert wo.run(study, "force=4").scalars["reach"].value == 0.04
     assert wo.load(toy).result().scene == "mine"
-    with pytest.raises(wo.ArgumentError, match='"track-predictive" are computed as a whole'):
-        wo.load("track_predictive")
     with pytest.raises(wo.SceneError, match="force: 9 is not allowed"):
         wo.load(toy, {"force": 9})
 
@@ -958,8 +963,6 @@ def test_run_computes_some_results_only(toy: Path, only: Any):
     assert CALLS == {"motion": 1, "pulled": 1}
     with pytest.raises(UnknownNameError, match="did you mean 'reach'"):
         wo.run(toy, only="reech")
-    with pytest.raises(wo.ArgumentError, match="computed as a whole"):
-        wo.run("track_predictive", only="speed")
 
 
 def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.CaptureFixture[str]):
@@ -983,8 +986,6 @@ def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.Captur
         ("mine.toml", "reach,", "has no result ''"),
         ("mine.toml", "", "has no result ''"),
         ("mine.toml", "depth", "there is no depth without ground"),
-        ("track_predictive", "speed", 'of kind "track-predictive" are computed as a whole'),
-        ("track_predictive", "speed", "toy-pull"),
     ],
 )
 def test_the_command_refuses_other_names(

@@ -26,10 +26,10 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.gait import Gait
-from wormopt.systems.film.runs.film_fields import _read_table
+from wormopt.systems.film.given_field import _read_table
 from wormopt.systems.film.shapes import grid
+from wormopt.systems.recorded.recording_file import RecordingFile
 from wormopt.systems.recorded.recordings import runs_of
-from wormopt.systems.recorded.scenes.fit import RecordingTable
 from wormopt.tables import TextTable, Wrong, parse_table, read_table
 
 
@@ -605,14 +605,14 @@ def test_angles_of_a_file_are_unwrapped_in_their_own_unit(tmp_path: Path, unwrap
     model = wo.Model(
         "turn", x=[wo.Signal("angle", angle, unit="angle"), wo.Signal("x", x)], ode=ca.SX([1, 1])
     )
-    table = RecordingTable(file="run.csv", columns={"head": "angle[0]"}, unwrap=(unwrap,))
-    assert list(table.faults(tmp_path, "SI", "recording[0]")) == []
+    table = RecordingFile(file="run.csv", columns={"head": "angle[0]"}, unwrap=(unwrap,))
+    assert list(table.faults_in(tmp_path, "SI")) == []
     (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
     expected = np.deg2rad(50.0) * np.arange(20)
     assert run.recording.readings["angle"][0] == pytest.approx(expected, abs=1e-12)
-    wrong = RecordingTable(file="run.csv", columns={"head": "angle[0]"}, unwrap=("haed",))
-    ((key, said),) = wrong.faults(tmp_path, "SI", "recording[0]")
-    assert (key, said) == ("recording[0].unwrap", "the file has no column haed; did you mean head?")
+    wrong = RecordingFile(file="run.csv", columns={"head": "angle[0]"}, unwrap=("haed",))
+    ((key, said),) = wrong.faults_in(tmp_path, "SI")
+    assert (key, said) == ("unwrap", "the file has no column haed; did you mean head?")
 
 
 @pytest.mark.parametrize(
@@ -633,7 +633,7 @@ def test_turns_over_a_pause_are_a_guess(tmp_path: Path, rate: float, pause: floa
     rows = zip(time[less].tolist(), seen[less].tolist(), strict=True)
     text = "".join(f"{t},{value!r}\n" for t, value in rows)
     (tmp_path / "run.csv").write_text(f"time,phi\n{text}")
-    table = RecordingTable(file="run.csv", unwrap=("phi",))
+    table = RecordingFile(file="run.csv", unwrap=("phi",))
     (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
     assert bool(run.warnings) == guessed
     assert all("run: column phi has no reading from t = 4" in one for one in run.warnings)
@@ -650,7 +650,7 @@ def test_fill_values_of_netcdf_are_gaps(tmp_path: Path, fill: float | None):
             variable[:] = values
             if fill is not None:
                 variable._FillValue = fill
-    table = RecordingTable(file="run.nc")
+    table = RecordingFile(file="run.nc")
     (run,) = runs_of([table], tmp_path, spring(), "dimensionless", {}, "scene")
     assert run.recording.count == len(TIME) - 1
     assert np.isnan(run.recording.readings["x"][0, 5])
@@ -664,8 +664,8 @@ def test_a_recording_of_a_spreadsheet_with_decimal_commas_is_fitted(tmp_path: Pa
     rows = [f"{t};{x}" for t, x in zip(times, cells, strict=True)]
     text = "\r\n".join(["Messung 7 (µm)", "time [ms];x", *rows, ";"])
     (tmp_path / "run.csv").write_bytes(text.encode(encoding))
-    table = RecordingTable(file="run.csv", start={"x": 1.0})
-    assert list(table.faults(tmp_path, "SI", "recording[0]")) == []
+    table = RecordingFile(file="run.csv", start={"x": 1.0})
+    assert list(table.faults_in(tmp_path, "SI")) == []
     (run,) = runs_of([table], tmp_path, spring(), "SI", {}, "scene")
     assert run.recording.count == len(TIME) - 3
     assert found_of(run.recording) == pytest.approx(0.4, rel=1e-6)

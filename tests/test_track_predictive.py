@@ -26,18 +26,15 @@ from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
+from wormopt.systems.chain.controllers import Controller, Trial
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import followed_by_lqr
-from wormopt.systems.chain.predictive_tracking import course_of, plan_tracking, real_time
-from wormopt.systems.chain.rival_decisions import decide, decision_jobs
-from wormopt.systems.chain.rivals import Rival, draw_plants, driven
-from wormopt.systems.chain.runs.compare_judging import scenarios
-from wormopt.systems.chain.scenes.predictive import PredictiveTable
-from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.chain.predictive import PredictiveControl, inputs_of, plan_tracking
+from wormopt.systems.chain.tables import Tube
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 PLANT = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
-TABLE = PredictiveTable(period=0.02, horizon=0.2, input_weight=1e-4, v_reg=0.1)
+TABLE = PredictiveControl(period=0.02, horizon=0.2, input_weight=1e-4, v_reg=0.1)
 END = 0.5
 
 
@@ -49,7 +46,7 @@ def test_the_worm_of_the_chapter_repeats_its_plan_step_by_step():
     assert np.diff(plan.times).max() <= 0.02 * (1 + 1e-9)
     assert np.abs(plan.times - 1 / 3).min() < 1e-12  # a corner lies between arcs
     receded = run_mpc(
-        plant, plan, real_time(TABLE), contact=Smooth(0.1), tolerance=Tolerance(1e-8, 1e-9)
+        plant, plan, TABLE.real_time, contact=Smooth(0.1), tolerance=Tolerance(1e-8, 1e-9)
     )
     assert receded.unsolved == 0
     found = receded.inputs.polynomial[:, :, 0]
@@ -84,7 +81,7 @@ def test_decisions_off_the_plan_are_the_optimum_that_an_interior_point_finds(
         length_nominal=2.0,
     )
     weight = float(10 ** rng.uniform(-5, -2))
-    table = PredictiveTable(period=0.02, horizon=0.2, input_weight=weight, v_reg=0.1, force=force)
+    table = PredictiveControl(period=0.02, horizon=0.2, input_weight=weight, v_reg=0.1, force=force)
     reference = gait_reference(travelling_sine(links, 1.0, 2.0, 0.3), plant.t)
     x = signal_values(plant.x, None, "state")
     x += 0.05 * rng.normal(size=len(x))
@@ -107,17 +104,17 @@ def test_decisions_off_the_plan_are_the_optimum_that_an_interior_point_finds(
 def test_where_the_model_is_right_real_time_costs_no_more_than_the_open_loop():
     plant = chain(2, law=Coulomb(1.0, 10.0), length_nominal=2.0, **PLANT)
     reference = gait_reference(fast_gait(1.0), plant.t)
-    table = PredictiveTable(period=0.01, horizon=0.25, input_weight=1e-4, v_reg=0.05)
+    table = PredictiveControl(period=0.01, horizon=0.25, input_weight=1e-4, v_reg=0.05)
     plan = plan_tracking(plant, reference, 1.0, table)
 
     def cost(course: wo.Gait) -> float:
-        model = judged(drive(with_reference(plant, reference), course), TubeTable(radius=0.2))
-        numbers = judged_numbers(simulate(model, 1.0, contact=Smooth(0.05)), TubeTable(radius=0.2))
+        model = judged(drive(with_reference(plant, reference), course), Tube(radius=0.2))
+        numbers = judged_numbers(simulate(model, 1.0, contact=Smooth(0.05)), Tube(radius=0.2))
         return numbers["error_integral"] + 1e-4 * numbers["input_integral"]
 
-    open_loop = cost(course_of(plan))
+    open_loop = cost(inputs_of(plan))
     assert open_loop == pytest.approx(plan.objective, rel=1e-3)
-    for decisions in (real_time(table), MpcOptions(25, 20)):
+    for decisions in (table.real_time, MpcOptions(25, 20)):
         receded = run_mpc(plant, plan, decisions, contact=Smooth(0.05))
         assert cost(receded.inputs) <= open_loop * (1 + 1e-6)
 
@@ -126,7 +123,7 @@ def test_where_the_model_is_right_real_time_costs_no_more_than_the_open_loop():
 def test_the_plan_is_next_to_the_optimum_with_set_valued_friction():
     """Another treatment of contact, another solver, the same objective and arcs."""
     plant = chain(2, law=Coulomb(1.0, 10.0), length_nominal=2.0, **PLANT)
-    table = PredictiveTable(period=0.02, horizon=0.2, input_weight=1e-4, v_reg=0.03)
+    table = PredictiveControl(period=0.02, horizon=0.2, input_weight=1e-4, v_reg=0.03)
     plan = plan_tracking(plant, gait_reference(fast_gait(1.0), plant.t), END, table)
     program = plan.stages.program
     guess = Guess.of(followed_by_lqr(plant, gait_reference(fast_gait(1.0), plant.t), END, 1e4))
@@ -247,26 +244,26 @@ def test_in_a_comparison_each_plant_has_inputs_of_its_own():
         "predictive={period=0.02,horizon=0.1,input_weight=1e-4,v_reg=0.1}",
         "estimation={window=0.1}",
     ]  # fmt: skip
-    table = load_scene("compare_tracking", change).table
+    study = wo.load("compare_tracking", change)
     gait = fast_gait(1.0)
-    draws = draw_plants(table, gait)
-    jobs = list(decision_jobs(table, [gait], draws))
-    assert [job.name for job in jobs] == ["predictive + estimation", "predictive"]
-    for job in jobs:
-        decided = decide(job)
-        assert decided.believed is not None
+    draws = study.plants(gait)
+    assert study.decision_names == ("predictive", "predictive + estimation")
+    trial = Trial(study.tube, study.time, study.tolerance, None, draws)
+    for name in study.decision_names:
+        decided = study.make_decisions((name, gait, draws))
+        assert decided.nominal is not None
         assert float(decided.numbers["decision_median_s"]) > 0
-        courses = [decided.believed, *decided.others]
+        courses = [decided.nominal, *decided.others]
         inputs = [course.polynomial for course in courses if course is not None]
         assert len(inputs) == 3
         # alike until the first plant has been measured
         for other in inputs[1:]:
             assert np.array_equal(other[0], inputs[0][0])
             assert np.abs(other - inputs[0]).max() > 0.1
-        rival = Rival(job.name, driven(table, gait, decided.believed), decided.others)
-        for k, scenario in scenarios(rival, draws, table):
+        controller = Controller(name, study.driven(gait, decided.nominal), decided.others)
+        for k, scenario in trial.scenarios(controller):
             course = decided.others[k]
             assert course is not None
-            one = simulate(rival.model, 0.3, p=scenario.p, schedules=scenario.schedules)
-            same = simulate(driven(table, gait, course), 0.3, p=draws[k])
+            one = simulate(controller.model, 0.3, p=scenario.p, schedules=scenario.schedules)
+            same = simulate(study.driven(gait, course), 0.3, p=draws[k])
             assert one.end == pytest.approx(same.end, abs=1e-9)

@@ -10,6 +10,7 @@ import pytest
 import scipy.linalg
 from scipy.optimize import brentq
 
+from tests.oracles.beams import thick_beam
 from wormopt.analysis.vibration import VibrationModes, vibration_modes
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.model.model import Model, Output, Signal
@@ -46,17 +47,6 @@ def thin_beam(rod: Rod, wave_number: float) -> float:
     """Frequency by Euler and Bernoulli of k times the length."""
     speed = math.sqrt(rod.youngs_modulus / rod.density) * rod.diameter / 4
     return (wave_number / rod.length) ** 2 * speed / (2 * math.pi)
-
-
-def thick_beam(rod: Rod, half_waves: int) -> float:
-    """Lower frequency by Timoshenko of a beam with pinned ends, a root of its closed equation."""
-    k = half_waves * math.pi / rod.length
-    resist, rho = rod.stiffness(), rod.density
-    mass, turning = rho * rod.area, rho * rod.second_moment
-    a = mass * turning / resist.shearing
-    b = mass + k**2 * (turning + mass * resist.bending / resist.shearing)
-    c = resist.bending * k**4
-    return math.sqrt(2 * c / (b + math.sqrt(b**2 - 4 * a * c))) / (2 * math.pi)
 
 
 # free ends: cos(k l) cosh(k l) = 1

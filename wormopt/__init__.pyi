@@ -50,9 +50,9 @@ from wormopt.simulation.simulate import simulate as simulate
 from wormopt.simulation.trajectory import Trajectory as Trajectory
 from wormopt.simulation.trajectory import Event as Event
 from wormopt.simulation.trajectory import NonsmoothEvent as NonsmoothEvent
-from wormopt.simulation.options import Exact as Exact
-from wormopt.simulation.options import Smooth as Smooth
-from wormopt.simulation.options import Tolerance as Tolerance
+from wormopt.numerics.options import Exact as Exact
+from wormopt.numerics.options import Smooth as Smooth
+from wormopt.numerics.options import Tolerance as Tolerance
 from wormopt.simulation.moreau import MoreauJean as MoreauJean
 from wormopt.simulation.periodic import PeriodicOrbit as PeriodicOrbit
 from wormopt.simulation.periodic import periodic_orbit as periodic_orbit

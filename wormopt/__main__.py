@@ -9,10 +9,15 @@ import sys
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def start() -> int:
-    """Run the command line of the process; also while it is loaded, Ctrl-C is no error."""
+def one_thread() -> None:
+    """Ask the libraries for one thread, unless the user has asked; before they are loaded."""
     for name in _THREADS:
         os.environ.setdefault(name, os.environ.get("OMP_NUM_THREADS", "1"))
+
+
+def start() -> int:
+    """Run the command line of the process; also while it is loaded, Ctrl-C is no error."""
+    one_thread()
     try:
         from wormopt.cli import main
 

@@ -66,7 +66,7 @@ def headline(result: Any) -> str:
 
 def leading(result: Any) -> list[str]:
     """Names of the scalars that were asked for; of a kind that does not say so, the first ones."""
-    declared = KINDS[result.kind].load_table().headline if result.kind in KINDS else ()
+    declared = KINDS[result.kind].load().headline if result.kind in KINDS else ()
     chosen = [name for name in declared if name in result.scalars]
     chosen = chosen or [name for name in result.scalars if name not in _aside(result)][:_FIRST]
     return [name for name in chosen if name != "objective" or not _repeated(result, chosen)]

@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
 from wormopt.files import RESULT_FILE
-from wormopt.kind import StudyKind
-from wormopt.kinds import KINDS
 from wormopt.progress import Report, silent
-from wormopt.study import Scene, SceneTable, load_scene
+from wormopt.study import Scene, Study, load_scene
 from wormopt.study.overrides import Overrides
 
 if TYPE_CHECKING:
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    scene: Scene[Any] | SceneTable | str | Path | Mapping[str, Any],
+    scene: Scene[Any] | Study | str | Path | Mapping[str, Any],
     overrides: Overrides = (),
     report: Report = silent,
     *,
@@ -39,7 +37,6 @@ def run(
         Is told what is being done and the fraction done, see `wormopt.progress`.
     only : str or sequence of str, optional
         Names of scalars, variables and checks: nothing else is computed, but for what these need.
-        Kinds of scene that `load` takes can be computed in part.
 
     Returns
     -------
@@ -52,7 +49,7 @@ def run(
     SceneError
         If the scene is wrong.
     ArgumentError
-        If results of the scene have none of a name in `only`, or are computed as a whole.
+        If results of the scene have none of a name in `only`.
     SolveError
         If the solver did not reach an accepted result.
     Interrupted
@@ -67,12 +64,10 @@ def run(
     if overrides or not isinstance(scene, Scene):
         scene = load_scene(scene, overrides)
     start = perf_counter()
-    kind = KINDS[scene.table.kind]
-    kind.load_study()
-    loaded = perf_counter()
+    study, loaded = scene.table, perf_counter()
     only = (only,) if isinstance(only, str) else only
     with interruptible():
-        result = study_of(scene).only(*only, report=report) if only else kind.run(scene, report)
+        result = study.only(*only, report=report) if only else study.result(report)
     timings = {"load": loaded - start, **result.timings_s, "study": perf_counter() - loaded}
     return dataclasses.replace(result, timings_s=timings)
 
@@ -104,8 +99,6 @@ def load(
     ------
     SceneError
         If the scene is wrong.
-    ArgumentError
-        If scenes of this kind are computed as a whole.
 
     Examples
     --------
@@ -113,17 +106,7 @@ def load(
     >>> study = wo.load("coil_cargo")  # doctest: +SKIP
     >>> study.float_speed  # doctest: +SKIP
     """
-    return study_of(load_scene(scene, overrides, **tables))
-
-
-def study_of(scene: Scene[Any]) -> Any:
-    """Return the study of a scene; ArgumentError names the kinds that are studies."""
-    kind = scene.table.kind
-    if isinstance(KINDS[kind], StudyKind):
-        return scene.table
-    studies = ", ".join(name for name, one in KINDS.items() if isinstance(one, StudyKind))
-    what = f'scenes of kind "{kind}" are computed as a whole; write wo.run(...) without `only`'
-    raise ArgumentError(f"{scene.name}: {what}; in part are computed: {studies or 'none'}")
+    return load_scene(scene, overrides, **tables).table
 
 
 _NO_MEMORY = "more memory is needed than there is; shorter times, or fewer samples, need less"
@@ -146,10 +129,9 @@ def attempt(scene: Scene[Any], report: Report = silent, only: Sequence[str] = ()
 
 def _failed(scene: Scene[Any], partial: object, reason: str = "") -> Result:
     from wormopt.result import Result
-    from wormopt.study.conclude import conclude
 
     # a motion that a study came upon is no Result of it
-    found = partial if isinstance(partial, Result) else conclude(scene, {})
+    found = partial if isinstance(partial, Result) else scene.table.unfinished(reason)
     known = found.reason if found.status == "failed" else ""
     return found.failed(reason or known or "interrupted")
 

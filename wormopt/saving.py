@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,8 @@ def load(path: Path) -> dict[str, Any]:
 
 def _exports(result: Any) -> dict[str, str]:
     kind = kind_of(result)
-    makers = kind.load_exports() if kind else {}
-    made = {name: make(result) for name, make in makers.items()}
+    parts = {name: text.split(":") for name, text in (kind.load().exports if kind else {}).items()}
+    made = {name: getattr(import_module(m), f)(result) for name, (m, f) in parts.items()}
     return {name: text for name, text in made.items() if text is not None}
 
 

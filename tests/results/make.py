@@ -13,7 +13,7 @@ HERE = Path(__file__).parent
 # Scene: what makes it quicker, and its result smaller.
 SCENES = {
     "compare_tracking": [
-        'units="SI"', "time.end=3.0", "tube.capture=1.0", "time.samples=101", "grid.arcs=15",
+        'units="SI"', "time.end=3.0", "tube.capture=1.0", "time.samples=101", "mesh.arcs=15",
         "draws.members=6", "draws.known=1", "crawl.arcs=30",
     ],
     "optimal_crawl": ["mesh.arcs=30"],
@@ -25,20 +25,20 @@ SCENES = {
     "three_masses_harmonic": [
         'units="SI"', 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, '
         "stick_forward=0.03, stick_backward=0.03, v_stribeck=0.8}",
-        "course.velocity=0.1", "course.periods=2",
+        "start.velocity=0.1", "time.periods=2",
     ],
     "random_links": ['units="SI"', "ensemble.members=5", "time.samples=41", "time.end=3.0"],
     "travelling_field": [],
     "segment_shapes": [],
-    "film_forward": ["course.samples=41", "course.periods=20"],
+    "film_forward": ["time.samples=41", "time.periods=20"],
     "film_basins": [
         "film.delta=0.98", "film.tension=1.0", "map.delta=[0.3,0.9,0.98]", "map.tension=[0.1,1.0]",
-        "course.samples=41",
+        "time.samples=41",
     ],
     "film_wave_design": ["sweep={tension=[0.1,0.02], field=[2.0]}"],
-    "fig13_magnetic_pair": ["course.samples=201"],
-    "fig24_travelling_wave": ["course.switches=20", "course.samples=2"],
-    "coil_cargo": ["course.switches=8", "coils.count=12"],
+    "fig13_magnetic_pair": ["time.samples=201"],
+    "fig24_travelling_wave": ["time.switches=20", "time.samples=2"],
+    "coil_cargo": ["time.switches=8", "coils.count=12"],
     "coil_cargo_design": [],
     "coil_row_inverse": [],
     "fig25_coil_pressure": [],
@@ -67,7 +67,7 @@ SCENES = {
         "search.certify.gap=2e-2",
     ],
     "body_in_film": [
-        'units="SI"', "course.periods=3.0", "course.samples=301",
+        'units="SI"', "time.periods=3.0", "time.samples=301",
         "film.fluid={mu_r=1.05, viscosity=0.02, density=1200.0, surface_tension=0.03, depth=1e-4, "
         "wavelength=0.02, frequency=5.0}",
         'body={on="ground", height=0.3, density=2700.0, friction_coefficient=0.4}',
@@ -79,7 +79,7 @@ SCENES = {
     ],
     "planar_chain": ['units="SI"', "time.end=3.0", "time.samples=101"],
     "planar_block": ['units="SI"'],
-    "peristaltic_tube": ["course.cycles=2", "course.settle=1"],
+    "peristaltic_tube": ["time.cycles=2", "time.settle=1"],
     "tracker_readings": [
         'units="SI"', "readings.period=[1]", "readings.growth=[1]", 'readings.signs=["printed"]',
         "readings.rest_length=[0]", "time.samples=41",
@@ -91,8 +91,8 @@ SCENES = {
     "fit_then_design": ['units="SI"'],
     "fig21_rod_motion": [],
     "fig22_frequency_response": [
-        "rates=[5,50,500]", "search.rounds=1", "search.refine=2", "sensitivity.rates=[20,100]",
-        "course.cycles=4", "course.duration=0.5",
+        "frequencies=[5,50,500]", "search.rounds=1", "search.refine=2",
+        "sensitivity.frequencies=[20,100]", "time.cycles=4", "time.end=0.5",
     ],
 }  # fmt: skip
 

@@ -24,10 +24,7 @@ from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, no_backend, say
 from wormopt.errors import ArgumentError, OutputError, SceneError, interruptible
 from wormopt.version import VERSION
 
-_GROUPS = (
-    "running sweeping showing verifying plotting reporting exporting scenes making measuring "
-    "completing"
-)
+_GROUPS = "running sweeping showing verifying plotting reporting exporting scenes making completing"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

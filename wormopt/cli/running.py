@@ -19,9 +19,8 @@ from wormopt.cli.codes import (
 from wormopt.cli.printing import print_all, print_result, print_table
 from wormopt.errors import Interrupted
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
-from wormopt.kinds import KINDS
 from wormopt.progress import shown_on_stderr
-from wormopt.runner import attempt, study_of
+from wormopt.runner import attempt
 from wormopt.study import Scene, load_scene
 from wormopt.study.output import (
     Output,
@@ -94,15 +93,15 @@ def _run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene, options.set)
     only = [] if options.only is None else [name.strip() for name in options.only.split(",")]
     if only:
-        study_of(scene).check_names(only)
+        scene.table.check_names(only)
     pictures = {} if options.no_plots or only else _pictures(scene)
     if pictures:
         check_backend(NO_PLOTS)
     trial = [*options.set, *([f"only={options.only}"] if only else [])]
     folder = Path(options.output or default_folder(scene.name, trial))
-    kind = KINDS[scene.table.kind]
-    tables = [TABLE_FILE] * kind.table_file
-    files = [RESULT_FILE, SUMMARY_FILE, *tables, *kind.exports, *pictures.values()]
+    study = scene.table
+    tables = [TABLE_FILE] * study.table_file
+    files = [RESULT_FILE, SUMMARY_FILE, *tables, *study.exports, *pictures.values()]
     output = Output(folder, scene.name, scene.table.kind, force=options.force)
     output = check_output(output, files)
     with shown_on_stderr(options.quiet) as report, engine_of(options):
@@ -119,7 +118,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _pictures(scene: Scene[Any]) -> dict[str, str]:
     """Return the pictures that the scene wants, with their file names."""
-    drawable = KINDS[scene.table.kind].pictures
+    drawable = scene.table.pictures
     return {name: picture_file(name) for name in scene.table.want if name in drawable}
 
 

@@ -11,10 +11,10 @@ from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, check_backend, say
 from wormopt.cli.running import NO_PLOTS, add_options, finish
 from wormopt.errors import Interrupted, OutputError, SceneError
 from wormopt.files import POINTS, RESULT_FILE, SUMMARY_FILE, picture_file
-from wormopt.kinds import SWEEP
 from wormopt.progress import shown_on_stderr
 from wormopt.study import load_scene
 from wormopt.study.output import Output, check_output, default_folder
+from wormopt.study.swept import Swept
 
 _DESCRIPTION = """\
 Compute a scene at many values of some of its keys. The table [sweep] of the scene or
@@ -93,7 +93,7 @@ def _sweep(options: argparse.Namespace) -> int:
     picture = picture_file("sweep")
     if not options.no_plots:
         check_backend(NO_PLOTS)
-    files = [RESULT_FILE, SUMMARY_FILE, *SWEEP.exports, *([] if options.no_plots else [picture])]
+    files = [RESULT_FILE, SUMMARY_FILE, *Swept.exports, *([] if options.no_plots else [picture])]
     folder = Path(options.output or default_folder(f"{scene.name}-sweep", options.set))
     usual = Path(options.output or default_folder(f"{scene.name}-sweep"))  # with --set too
     store = Path(options.store or usual / POINTS)

@@ -38,7 +38,6 @@ from wormopt.shown import one_line
 from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, said
 from wormopt.simulation.options import Smooth
 from wormopt.study.scene import scene_of_text
-from wormopt.systems.shared.settings import treatment_of
 
 _HEADER = "fmi3Functions.h"
 # Line of CasADi's wrapper, what it must be.
@@ -140,13 +139,13 @@ def plants_of(what: object) -> list[Plant]:
         raise ArgumentError(f"an FMU takes a Result or a Model, not {type(what).__name__}")
     kind = KINDS.get(what.kind)
     scene = scene_of_text(what.scene, what.kind, what.scene_text) if kind else None
-    models = kind.models_of(scene) if kind else None
+    models = scene.table.models() if scene else None
     if scene is None or models is None:
         raise ArgumentError(
             f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "
             "take one of kind simulate or track"
         )
-    treatment, said = treatment_of(scene.table.contact), remarks(what)
+    treatment, said = scene.table.contact.options, remarks(what)
     v_reg = treatment.v_reg if isinstance(treatment, Smooth) else Smooth().v_reg
     return [
         Plant(model, v_reg, scene.table.units, (*said, label) if label else tuple(said))

@@ -95,7 +95,7 @@ def keys_set(kind: str, raw: dict[str, Any]) -> list[Key]:
     raw = {key: value for key, value in raw.items() if key != "sweep"}
     kind = kind if kind in KINDS else raw.get("kind", "")
     units = raw.get("units", "dimensionless")
-    known = read_table(raw, KINDS[kind].load_table(), "", units, []) if kind in KINDS else None
+    known = read_table(raw, KINDS[kind].load(), "", units, []) if kind in KINDS else None
     if known is None:
         return list(_flat(raw | {"sweep": swept} if swept else raw, ""))
     own = [key for key in _set(known, "", units) if key.path not in swept.get("over", {})]

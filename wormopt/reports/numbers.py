@@ -101,7 +101,7 @@ def table_html(result: Result) -> str:
 
 
 def _meanings(kind: str) -> dict[str, str]:
-    known = KINDS[kind].load_table().scalars if kind in KINDS else {}
+    known = KINDS[kind].load().scalars if kind in KINDS else {}
     return {name: what for name, (_, what) in known.items()}
 
 

@@ -94,23 +94,23 @@ def ending(
             f"{motion.system.model.name}: steps without events know no driven contacts"
         )
     task = _task(motion, x0)
-    march, n_x = _march(task), len(x0)
+    march = _march(task, len(x0))
     sizes, x0 = nominal_of(motion.system.model.x), task.x0[: task.system.model.n_x]
-    count = _STRIDE * _FIRST
-    last, change, before = march(x0, count // 2)[:n_x], math.inf, None
+    (last, _), change, before, fineness = march(x0, 1), math.inf, None, 2
     while True:
         report("rechecking", None)
-        found = march(x0, count)[:n_x]
+        found, count = march(x0, fineness)
         change, earlier = _distance(found, last, sizes), change
         best, doubt = found, 2 * max(change, _CHANCE * earlier)
-        if 0 < change < math.inf and abs(math.log2(earlier / change) - 2) < _LIKE_TWO:
+        falls = earlier / change if 0 < change < math.inf else 0.0
+        if falls > 0 and abs(math.log2(falls) - 2) < _LIKE_TWO:
             best = found + (found - last) / 3
             if before is not None:
                 doubt = max(_distance(best, before, sizes), _CHANCE * change)
             before = best
         if doubt <= accepted or 2 * count > most_steps:
             return Ending(best, doubt, count)
-        last, count = found, 2 * count
+        last, fineness = found, 2 * fineness
 
 
 def _distance(a: np.ndarray, b: np.ndarray, sizes: np.ndarray) -> float:
@@ -136,8 +136,10 @@ def _task(motion: Trajectory, x0: np.ndarray) -> InitialValueProblem:
     return held.task if held else task
 
 
-def _march(task: InitialValueProblem) -> Callable[[np.ndarray, int], np.ndarray]:
-    """Function of the start and a number of steps: the end."""
+def _march(
+    task: InitialValueProblem, n: int
+) -> Callable[[np.ndarray, int], tuple[np.ndarray, int]]:
+    """Function of the start and the fineness of steps: the first n states at the end, and steps."""
     model, (start, end) = task.system.model, task.span
     stride = _stride(model)
     fixed = task.p[: sum(s.size for s in (*model.p, *model.u))]
@@ -150,10 +152,11 @@ def _march(task: InitialValueProblem) -> Callable[[np.ndarray, int], np.ndarray]
     ends = np.unique([*breaks, end])
     ends = ends[np.diff(ends, prepend=-np.inf) > 1e-13 * max(abs(end), end - start)]
 
-    def march(x0: np.ndarray, count: int) -> np.ndarray:
-        state = ca.DM(np.concatenate([x0, np.zeros(model.forces.numel()), [start]]))
+    def march(x0: np.ndarray, fineness: int) -> tuple[np.ndarray, int]:
+        state, count = ca.DM(np.concatenate([x0, np.zeros(model.forces.numel()), [start]])), 0
         for a, b in pairwise(ends.tolist()):
-            strides = int(np.ceil(count / _STRIDE * (b - a) / (end - start)))
+            # each piece has twice the steps at twice the fineness, so that changes show the error
+            strides = fineness * math.ceil(_FIRST / 2 * (b - a) / (end - start))
             begun = [schedule.locate(np.array([(a + b) / 2])) for schedule in task.schedules]
             scheduled = [
                 np.append(begin[0], schedule.values[piece[0]])
@@ -165,7 +168,8 @@ def _march(task: InitialValueProblem) -> Callable[[np.ndarray, int], np.ndarray]
                 for _ in range(strides):
                     state = stride(state, given)
             state[-1] = b
-        return np.array(state[: len(x0)]).ravel()
+            count += strides * _STRIDE
+        return np.array(state[:n]).ravel(), count
 
     return march
 

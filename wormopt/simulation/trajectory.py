@@ -261,8 +261,7 @@ class Trajectory(SampledMotion):
         assert self.along is not None
         t, n_fixed = self.time, self.system.n_fixed
         function, places = variation(self.system, self.along.active(n_fixed)).observed(expression)
-        p = self.system.scheduled(self.p, self.schedules, t)
-        values = np.array(function(t[None], self.states, p, self.s_at(t)))
+        values = self.values(function)
         moved = [self.state_derivatives, self.along.scheduled(n_fixed, self.schedules, t)]
         change, n_x = np.zeros((expression.numel(), self.along.k, len(t))), len(self.states)
         for value, row, column in zip(values, *places.tolist(), strict=True):
@@ -361,7 +360,7 @@ class Trajectory(SampledMotion):
         """
         return self.values(self.system.observe(expression))
 
-    def values(self, function: ca.Function) -> np.ndarray:
+    def values(self, function: ca.Function, *further: np.ndarray) -> np.ndarray:
         """Values of a function of `System.observe` at the sample times.
 
         Of few samples at a time: CasADi needs memory for all that it evaluates at once.
@@ -370,6 +369,8 @@ class Trajectory(SampledMotion):
         ----------
         function : casadi.Function
             Of (t, x, p, s), with one column as its result.
+        *further : ndarray, shape (any, m)
+            Arguments of the function after these, at the sample times.
 
         Returns
         -------
@@ -379,7 +380,8 @@ class Trajectory(SampledMotion):
         for k in range(0, len(self.time), _CHUNK):
             t, x = self.time[k : k + _CHUNK], self.states[:, k : k + _CHUNK]
             p = self.system.scheduled(self.p, self.schedules, t)
-            found[:, k : k + _CHUNK] = function(t[None, :], x, p, self.s_at(t))
+            more = [one[:, k : k + _CHUNK] for one in further]
+            found[:, k : k + _CHUNK] = function(t[None, :], x, p, self.s_at(t), *more)
         return found
 
     def stick_intervals(self) -> list[tuple[str, float, float]]:

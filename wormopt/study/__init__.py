@@ -20,12 +20,10 @@ from wormopt.study.members import (
 )
 from wormopt.study.scene import Scene, load_scene, packaged_scenes
 from wormopt.study.study import Study
-from wormopt.study.types import SceneTable
 
 __all__ = [
     "Given",
     "Scene",
-    "SceneTable",
     "Study",
     "array",
     "arrays",

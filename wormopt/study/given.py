@@ -52,6 +52,22 @@ from wormopt.units import bare_number, has_unit, to_number
 
 _LARGEST = sys.float_info.max
 _SMALL, _LARGE = 1e-30, 1e30
+# Names that keys had before, and what they are called now: the first that a table knows.
+_RENAMED = {
+    "aim": ("objective",),
+    "course": ("time", "route"),
+    "duration": ("end",),
+    "grid": ("mesh",),
+    "inner": ("inner_radius",),
+    "modulus": ("youngs_modulus",),
+    "outer": ("outer_radius",),
+    "pace": ("rate",),
+    "points": ("samples",),
+    "rate": ("frequency",),
+    "rates": ("frequencies",),
+    "time": ("end",),
+    "tube": ("pipe",),
+}
 
 
 class RefusedError(SceneError, ArgumentError):
@@ -653,6 +669,8 @@ def _listed_in(kind: Any) -> Any:
 def _unknown(key: str, table: type[Given], known: list[str]) -> str:
     config = table.__struct_config__
     where = f' with {config.tag_field} = "{config.tag}"' if config.tag_field else ""
+    if renamed := [new for new in _RENAMED.get(key, ()) if new in known]:
+        return f"unknown key{where}; it is called {renamed[0]} now"
     close = get_close_matches(key, known, n=1)
     below = [] if close else list(_paths_to(key, table))
     if close or len(below) == 1:

@@ -227,9 +227,9 @@ def value(
     return field(metadata={"member": made})
 
 
-def signal(quantity: str, dims: str, meaning: str, *, when: str = "") -> Any:
-    """A field that is a variable of the result."""
-    return field(metadata={"member": array(quantity, dims, meaning, when=when)})
+def signal(quantity: str, dims: str, meaning: str, *, when: str = "", name: str = "") -> Any:
+    """A field that is a variable of the result, with the name of the field or `name`."""
+    return field(metadata={"member": array(quantity, dims, meaning, when=when, name=name)})
 
 
 def parts(of: type[T], *, when: str = "") -> Declared[T]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from wormopt.errors import Fault
+from wormopt.numerics.options import Exact, Recheck, Smooth, Tolerance
 from wormopt.study.given import Given, entry, number, positive, says, whole, wrong_count
 from wormopt.study.types import FinitePerMass
 
@@ -52,10 +53,15 @@ class ToleranceTable(Given):
         usual=(1e-09, 1000000.0),
         default=None,
     )
-    recheck: bool | Literal["independent"] = entry(
+    recheck: Recheck = entry(
         'whether a second route finds the end again; `"independent"`: one that locates no events',
         default=True,
     )
+
+    @property
+    def options(self) -> Tolerance:
+        """The tolerance as `simulate` takes it."""
+        return Tolerance(self.relative, self.absolute, self.max_steps, self.max_step)
 
 
 class SmoothContact(Given, tag_field="treatment", tag="smooth"):
@@ -69,9 +75,19 @@ class SmoothContact(Given, tag_field="treatment", tag="smooth"):
         "speed", "width of velocities over which the law is steep", default=1 / 40
     )
 
+    @property
+    def options(self) -> Smooth:
+        """The treatment of contact as `simulate` takes it."""
+        return Smooth(self.v_reg)
+
 
 class ExactContact(Given, tag_field="treatment", tag="exact"):
     """Set-valued contact laws: every reversal, stick and release is located as an event."""
+
+    @property
+    def options(self) -> Exact:
+        """The treatment of contact as `simulate` takes it."""
+        return Exact()
 
 
 ContactTable = SmoothContact | ExactContact

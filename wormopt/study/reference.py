@@ -17,7 +17,6 @@ from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
 from wormopt.study.given import bare, default_of, describe, meaning, tables_in
 from wormopt.study.swept import Swept
-from wormopt.study.types import SceneTable
 from wormopt.units import WITH_UNIT
 
 _COMMON = ("schema", "kind", "title", "units")
@@ -25,7 +24,7 @@ _COMMON = ("schema", "kind", "title", "units")
 
 def schema(kind: str) -> dict[str, Any]:
     """JSON Schema of the scenes of a kind, with what every key means."""
-    table = KINDS[kind].load_table()
+    table = KINDS[kind].load()
     (found, sweep), parts = msgspec.json.schema_components(
         [table, Swept], ref_template="#/$defs/{name}"
     )
@@ -67,7 +66,7 @@ def _or_with_unit(node: dict[str, Any], quantity: str) -> dict[str, Any]:
 
 def page(kind: str) -> str:
     """Reference of a kind in Markdown: keys, scalars and variables."""
-    table = KINDS[kind].load_table()
+    table = KINDS[kind].load()
     parts = [
         f"# Scenes of kind `{kind}`",
         f"{KINDS[kind].summary[0].upper()}{KINDS[kind].summary[1:]}.",
@@ -115,7 +114,7 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
     yield "| key | value | quantity | default | meaning |"
     yield "|---|---|---|---|---|"
     for field in msgspec.structs.fields(table):
-        if field.encode_name in _COMMON and issubclass(table, SceneTable):
+        if field.encode_name in _COMMON and hasattr(table, "members"):
             continue
         quantity, what = meaning(field.type)
         yield _row(f"`{field.encode_name}`", _of(field), _words(quantity), _default(field), what)

@@ -2,85 +2,29 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from difflib import get_close_matches
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import msgspec
 
 from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS, near
-from wormopt.shown import lines
 from wormopt.study.given import read_table, read_value
 from wormopt.study.overrides import Overrides, as_toml, override
-from wormopt.study.plausible import surprises
+from wormopt.study.study import Scene, Study
 from wormopt.study.swept import Swept
-from wormopt.study.types import FOLDER, SceneTable
+from wormopt.study.types import FOLDER
 
 _NO_SCHEMA = "missing; write 1"
-TableT = TypeVar("TableT", bound=SceneTable, covariant=True)
-
-
-@dataclass(frozen=True)
-class Scene(Generic[TableT]):
-    """What a user asks for: pure data.
-
-    Parameters
-    ----------
-    name : str
-        Stem of the file name, or as it was called.
-    folder : Path
-        Folder of the file; file names in the scene are relative to it.
-    table : SceneTable
-        The typed content, a table of the scene's kind.
-    sweep : Swept, optional
-        Which keys are varied when the scene is swept.
-
-    Examples
-    --------
-    >>> scene = load_scene("fast_gait")
-    >>> scene.name, scene.table.kind, scene.table.worm.links
-    ('fast_gait', 'gait', 2)
-    """
-
-    name: str
-    folder: Path
-    table: TableT
-    sweep: Swept | None = None
-
-    def __repr__(self) -> str:
-        return lines(f"Scene {self.name} ({self.table.kind}): {self.title}")
-
-    @property
-    def title(self) -> str:
-        """Title given in the scene, its name otherwise."""
-        return self.table.title or self.name
-
-    @property
-    def text(self) -> str:
-        """Every key of the scene, defaults included, as JSON text."""
-        table = _without_none(msgspec.to_builtins(self.table))
-        return json.dumps(table, ensure_ascii=False, sort_keys=True)
-
-    @property
-    def key(self) -> str:
-        """Hash of the content: scenes that ask for the same have the same key."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Numbers that are hardly meant as they stand: 300 m of link, say."""
-        return tuple(surprises(self.table, self.table.units))
 
 
 def load_scene(
-    source: Scene[Any] | SceneTable | str | Path | Mapping[str, Any],
+    source: Scene[Any] | Study | str | Path | Mapping[str, Any],
     overrides: Overrides = (),
     *,
     name: str = "",
@@ -142,16 +86,10 @@ def scene_within(folder: Path, name: str, tables: Mapping[str, Any]) -> Scene[An
 
 def _checked(file: str, name: str, folder: Path, raw: dict[str, Any]) -> Scene[Any]:
     table, sweep = _read_kind(file, raw, folder)
-    wrong = _faults(table, folder)
-    wrong += [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]
-    if wrong:
+    if wrong := [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]:
         raise SceneError(file, wrong)
     table.placed(name, folder)
     return Scene(name, folder, table, sweep)
-
-
-def _faults(table: SceneTable, folder: Path) -> list[Fault]:
-    return [] if table.checks_itself else list(table.faults(folder))
 
 
 def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
@@ -169,9 +107,6 @@ def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
     packaged = packaged_scenes().get(name)
     folder = packaged.parent if packaged else Path()
     table, _ = _read_kind(name, raw, folder)
-    wrong = _faults(table, folder)
-    if wrong:
-        raise SceneError(name, wrong)
     table.placed(name, folder)
     return Scene(name, folder, table)
 
@@ -250,7 +185,7 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     raise SceneError(file, [("", message)])
 
 
-def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[SceneTable, Swept | None]:
+def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[Study, Swept | None]:
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         what = f"{kind!r} is no kind of scene" if "kind" in raw else "missing"
@@ -263,7 +198,7 @@ def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[SceneTable
     swept = None if sweep is None else read_value(sweep, Swept, "sweep", "", faults)
     before = FOLDER.set(folder)
     try:
-        table = read_table(raw, KINDS[kind].load_table(), "", raw.get("units", ""), faults)
+        table = read_table(raw, KINDS[kind].load(), "", raw.get("units", ""), faults)
     finally:
         FOLDER.reset(before)
     if "schema" not in raw and ("schema", _NO_SCHEMA) not in faults:
@@ -271,9 +206,3 @@ def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[SceneTable
     if table is None or faults:
         raise SceneError(file, faults)
     return table, swept
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    return value

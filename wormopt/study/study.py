@@ -3,29 +3,32 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar, cast
 
 import msgspec
 
 from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Check, Result, left_out
-from wormopt.shown import brief
-from wormopt.study.conclude import status_of
-from wormopt.study.given import bare, entry, tables_in
+from wormopt.result import Check, Result, Status, Unchecked, left_out
+from wormopt.shown import brief, lines
+from wormopt.study.given import Given, bare, entry, tables_in
 from wormopt.study.later import load
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
 from wormopt.study.overrides import Overrides
 from wormopt.study.plausible import surprises
 from wormopt.study.reference import quantity_of
-from wormopt.study.types import FOLDER, SceneTable
+from wormopt.study.swept import Swept
+from wormopt.study.types import FOLDER, Title
 
 T = TypeVar("T")
 Names = Sequence[str]
@@ -43,7 +46,7 @@ class _Progress:
     )  # seconds of stages within the running ones
 
 
-class Study(SceneTable):
+class Study(Given):
     """Base of all kinds of study.
 
     Fields are what a user gives. Members, declared by the decorators of `wormopt.study.members`,
@@ -53,6 +56,12 @@ class Study(SceneTable):
 
     units_of_texts: ClassVar[str] = "dimensionless"
     members: ClassVar[Mapping[str, Member[Any]]] = {}
+    scalars: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    """Quantity and meaning of scalars whose names are known, by name."""
+    variables: ClassVar[Mapping[str, tuple[str, tuple[str, ...], str]]] = {}
+    """Quantity, dimensions and meaning of variables whose names are known, by name."""
+    headline: ClassVar[tuple[str, ...]] = ()
+    """Scalars that answer what was asked, reported first; the first five if empty."""
     pictures: ClassVar[Mapping[str, str]] = {}
     """Pictures by name: "module:function" that draws one of a Result."""
     wanted: ClassVar[tuple[str, ...]] = ()
@@ -61,9 +70,16 @@ class Study(SceneTable):
     """Whether results have a table file of their own."""
     exports: ClassVar[Mapping[str, str]] = {}
     """Further files by name: "module:function" giving its text of the result, or None."""
+    resumes: ClassVar[bool] = False
+    """Whether a study that was interrupted continues from there when it is run again."""
 
     schema: Literal[1] = entry("version of the scene form", default=1)
     kind: str = entry("what the scene computes", default="")
+    title: Title = entry("title of pictures and reports; its name if left out", default="")
+    units: Literal["dimensionless", "SI"] = entry(
+        "names of the units in the results; nothing is converted", default="dimensionless"
+    )
+    want: tuple[str, ...] = entry("pictures to draw, each once", default=())
 
     def __init_subclass__(cls, **config: Any) -> None:
         super().__init_subclass__(**config)
@@ -71,6 +87,8 @@ class Study(SceneTable):
         found: dict[str, Member[Any]] = {n: m for n, m in seen.items() if isinstance(m, Member)}
         for whole in [one for one in found.values() if one.role == "parts"]:
             for part in members_of_parts(whole):
+                if isinstance(seen.get(part.name), property | cached_property):
+                    raise TypeError(f"{cls.__name__}.{part.name} is a part of {whole.name} too")
                 if found.setdefault(part.name, part) is part:
                     setattr(cls, part.name, part)
                 elif found[part.name].part_of not in ("", whole.name):
@@ -111,14 +129,7 @@ class Study(SceneTable):
     @property
     def scene(self) -> Any:
         """The study as a Scene."""
-        from wormopt.study.scene import Scene
-
         return Scene(self.name, self.folder, self)
-
-    @property
-    def checks_itself(self) -> bool:
-        """Whether a table that was read is checked already."""
-        return True
 
     def placed(self, name: str, folder: Path) -> None:
         """Note the name and the folder of the scene."""
@@ -137,7 +148,8 @@ class Study(SceneTable):
     def wrong(self) -> Iterator[Fault]:
         """Yield all that is wrong with keys that are right each by itself."""
         found = list(super().wrong())
-        yield from found or SceneTable.faults(self, self.folder)
+        twice = sorted({word for word in self.want if self.want.count(word) > 1})
+        yield from found or (("want", f'"{word}" is given twice; write it once') for word in twice)
 
     def __reduce__(self) -> Any:
         place = {name: one for name, one in vars(self).items() if name in _PLACE}
@@ -269,12 +281,13 @@ class Study(SceneTable):
         try:
             result = self._partly(names) if names else self._complete()
         except SolveError as error:
-            found = self._unfinished(str(error))
+            found = self.unfinished(str(error))
             raise SolveError(error.reason, error.suggestion, found, error.code) from None
         except KeyboardInterrupt as stop:
             during = [name for name, error in self._failures.items() if error is stop]
             where = f" during {during[0].replace('_', ' ')}" if during else ""
-            found = self._unfinished(f"interrupted{where}")
+            resume = "; run again to resume" if self.resumes else ""
+            found = self.unfinished(f"interrupted{where}{resume}")
             if not found.scalars and not found.variables:
                 raise
             raise Interrupted(found) from None
@@ -296,19 +309,33 @@ class Study(SceneTable):
             del vars(self)[name]
 
     def _complete(self) -> Result:
-        scalars, variables = self._scalars(), self._variables()
-        checks, warned = self._checks(), [*self._given_warnings(), *self._warnings()]
+        return self.concluded(
+            self._scalars(), self._variables(), self._checks(), self._warnings(),
+            self._joined("fact"), self._joined("attribute"),
+        )  # fmt: skip
+
+    def concluded(
+        self,
+        scalars: Mapping[str, Any],
+        variables: Iterable[Variable],
+        checks: Sequence[Check],
+        warnings: Iterable[str],
+        facts: Mapping[str, Any],
+        attributes: Mapping[str, Any],
+    ) -> Result:
+        """Make a result: failed where a check is, unchecked where a warning says so."""
+        warned = [*self._given_warnings(), *warnings]
         status, reasons = status_of(checks, warned)
-        trust = {**self.facts, **self._joined("fact")}
+        trust = {**self.facts, **facts}
         if checks:
             trust["checks"] = {one.name: one.found() for one in checks}
         return self._made(
             status=status,
             reason="; ".join(reasons),
-            scalars=scalars,
-            variables=variables,
+            scalars=dict(scalars),
+            variables=tuple(variables),
             trust=trust | {"warnings": [*dict.fromkeys(warned)]},
-            attributes=self._joined("attribute"),
+            attributes=attributes,
         )
 
     def _partly(self, names: Names) -> Result:
@@ -338,7 +365,7 @@ class Study(SceneTable):
             },
         )
 
-    def _unfinished(self, reason: str) -> Result:
+    def unfinished(self, reason: str) -> Result:
         """Result of the stages that are finished; arrays also of what failed stages handed over."""
         done, begun = self._closed(partials=False), self._closed(partials=True)
         return self._made(
@@ -400,21 +427,33 @@ class Study(SceneTable):
     def _scalars(self, names: Names = ()) -> dict[str, Scalar]:
         def of(member: Member[Any], found: Any) -> Iterator[tuple[str, Scalar]]:
             for name, one in member.reported(found, names):
-                quantity = member.declares[name][0] if name in member.declares else ""
-                yield name, one if isinstance(one, Scalar) else Scalar(one, _unit(quantity, self))
+                yield name, self.with_unit(name, one, member.declares)
 
         return dict(self._gathered("scalar", of, names))
 
     def _variables(self, names: Names = ()) -> tuple[Variable, ...]:
         def of(member: Member[Any], found: Any) -> Iterator[Variable]:
             for name, one in member.reported(found, names):
-                if isinstance(one, Variable):
-                    yield one
-                elif one is not None:
-                    quantity, dims, what = member.declares[name]
-                    yield Variable(name, _unit(quantity, self), tuple(dims), one, what)
+                if one is not None:
+                    yield self.variable(name, one, member.declares)
 
         return tuple(self._gathered("array", of, names))
+
+    def with_unit(
+        self, name: str, value: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
+    ) -> Scalar:
+        """Scalar of a name that the study declares, or one that is known already."""
+        quantity = (self.scalars if declared is None else declared).get(name, ("",))[0]
+        return value if isinstance(value, Scalar) else Scalar(value, _unit(quantity, self))
+
+    def variable(
+        self, name: str, values: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
+    ) -> Variable:
+        """Variable of a name that the study declares, or one that is known already."""
+        if isinstance(values, Variable):
+            return values
+        quantity, dims, what = (self.variables if declared is None else declared)[name]
+        return Variable(name, _unit(quantity, self), tuple(dims), values, what)
 
     def _checks(self, names: Names = ()) -> list[Check]:
         def of(member: Member[Any], found: Any) -> Iterator[Check]:
@@ -447,6 +486,80 @@ class Study(SceneTable):
         for name in path.split("."):
             found = getattr(found, name)
         return found
+
+
+def status_of(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, dict[str, None]]:
+    """Status of a result by its checks and warnings, and the reasons for it."""
+    failed = dict.fromkeys(check.advice for check in checks if not check.passed)
+    if failed:
+        return "failed", failed
+    doubts = dict.fromkeys(str(text) for text in warned if isinstance(text, Unchecked))
+    if not checks and not doubts:
+        doubts = {"nothing confirms the numbers: no check of them was made": None}
+    return ("unchecked" if doubts else "ok"), doubts
+
+
+TableT = TypeVar("TableT", bound=Study, covariant=True)
+
+
+@dataclass(frozen=True)
+class Scene(Generic[TableT]):
+    """What a user asks for: pure data.
+
+    Parameters
+    ----------
+    name : str
+        Stem of the file name, or as it was called.
+    folder : Path
+        Folder of the file; file names in the scene are relative to it.
+    table : Study
+        The content, of the class of the scene's kind.
+    sweep : Swept, optional
+        Which keys are varied when the scene is swept.
+
+    Examples
+    --------
+    >>> from wormopt.study import load_scene
+    >>> scene = load_scene("fast_gait")
+    >>> scene.name, scene.table.kind, scene.table.worm.links
+    ('fast_gait', 'gait', 2)
+    """
+
+    name: str
+    folder: Path
+    table: TableT
+    sweep: Swept | None = None
+
+    def __repr__(self) -> str:
+        return lines(f"Scene {self.name} ({self.table.kind}): {self.title}")
+
+    @property
+    def title(self) -> str:
+        """Title given in the scene, its name otherwise."""
+        return self.table.title or self.name
+
+    @property
+    def text(self) -> str:
+        """Every key of the scene, defaults included, as JSON text."""
+        table = _without_none(msgspec.to_builtins(self.table))
+        return json.dumps(table, ensure_ascii=False, sort_keys=True)
+
+    @property
+    def key(self) -> str:
+        """Hash of the content: scenes that ask for the same have the same key."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Numbers that are hardly meant as they stand: 300 m of link, say."""
+        return tuple(surprises(self.table, self.table.units))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        table = cast("dict[str, Any]", value)
+        return {key: _without_none(item) for key, item in table.items() if item is not None}
+    return value
 
 
 class _Amount:

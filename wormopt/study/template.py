@@ -48,7 +48,7 @@ def template(kind: str, schema_file: str) -> str:
         ),
         "",
     ]
-    body = _table(KINDS[kind].load_table(), raw, "", raw.get("units", "dimensionless"))
+    body = _table(KINDS[kind].load(), raw, "", raw.get("units", "dimensionless"))
     return "\n".join([*head, *body]).rstrip() + _SWEEP
 
 

@@ -1,4 +1,4 @@
-"""Types of scene values, and the bases of all scene tables.
+"""Types of scene values.
 
 Each type carries a description in plain words: it is what a message tells the user to write.
 No number may be NaN or infinite, which the bounds of `_LARGEST` see to.
@@ -7,16 +7,15 @@ No number may be NaN or infinite, which the bounds of `_LARGEST` see to.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated
 
 from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.model.given import per as per
-from wormopt.study.given import Given, entry
 
 FOLDER: ContextVar[Path] = ContextVar("folder")
 """Folder of the scene that is being read."""
@@ -92,42 +91,6 @@ Seed = Annotated[int, Meta(ge=0, le=2**32 - 1, description="a whole number from 
 
 # Control characters are refused: files and terminals mangle them.
 Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quotes, on one line")]
-
-
-class SceneTable(Given):
-    """Keys that every scene shares, and the numbers that its results hold."""
-
-    scalars: ClassVar[Mapping[str, tuple[str, str]]] = {}
-    """Name: quantity, meaning."""
-    variables: ClassVar[Mapping[str, tuple[str, tuple[str, ...], str]]] = {}
-    """Name: quantity, dimensions, long name."""
-    headline: ClassVar[tuple[str, ...]] = ()
-    """Scalars that answer what was asked, told first; the first five declared if empty."""
-
-    schema: Literal[1] = entry("version of the scene form")
-    kind: str = entry("what the scene computes")
-    title: Title = entry("title of pictures and reports; its name if left out", default="")
-    units: Literal["dimensionless", "SI"] = entry(
-        "names of the units in the results; nothing is converted", default="dimensionless"
-    )
-    want: tuple[str, ...] = entry("pictures to draw, each once", default=())
-
-    @property
-    def checks_itself(self) -> bool:
-        """Whether a table that was read is checked already."""
-        return False
-
-    def placed(self, name: str, folder: Path) -> None:
-        """Note the name and the folder of the scene, where the table keeps them."""
-
-    def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows, once every key is right by itself.
-
-        `folder` is where the scene lies; its file names are relative to this.
-        """
-        for word in sorted(set(self.want)):
-            if self.want.count(word) > 1:
-                yield "want", f'"{word}" stands there twice; write it once'
 
 
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool) -> Iterator[Fault]:

@@ -25,14 +25,12 @@ from filelock import FileLock, Timeout
 from wormopt.errors import OutputError, SceneError
 from wormopt.files import hash_of
 from wormopt.fingerprint import code_key
-from wormopt.kinds import KINDS
 from wormopt.numerics.workers import alone
 from wormopt.quantities import Scalar
 from wormopt.result import Result
 from wormopt.runner import attempt
 from wormopt.saving import write_netcdf
 from wormopt.study import Scene
-from wormopt.study.conclude import conclude
 
 Keep = Literal["results", "scalars"]
 Status = Literal["ok", "failed", "refused", "not computed", "unchecked"]
@@ -72,7 +70,7 @@ def key_of(scene: Scene[Any], seen: dict[str, bytes] | None = None) -> str:
     seen = {} if seen is None else seen
     asked = msgspec.to_builtins(scene.table)
     del asked["title"]
-    asked["want"] = [word for word in KINDS[scene.table.kind].wanted if word in asked["want"]]
+    asked["want"] = [word for word in scene.table.wanted if word in asked["want"]]
     key = hashlib.sha256(json.dumps(asked, sort_keys=True).encode())
     key.update(code_of(scene).encode())
     for text in _texts(asked):
@@ -84,7 +82,7 @@ def key_of(scene: Scene[Any], seen: dict[str, bytes] | None = None) -> str:
 
 def code_of(scene: Scene[Any]) -> str:
     """Hash of the code that computes a scene."""
-    return code_key(KINDS[scene.table.kind].study)
+    return code_key(type(scene.table).__module__)
 
 
 def told(error: SceneError) -> str:
@@ -150,7 +148,8 @@ def _compute(job: Job, tries: Path) -> Record:
     except BrokenExecutor:
         return Record("failed", "the process that computes it died")
     except SceneError as error:  # what only the study sees
-        result = conclude(job.scene, {}, attributes={"refused": True}).failed(told(error))
+        found = job.scene.table.unfinished(told(error))
+        result = replace(found, attributes={"refused": True})
     except Exception as error:  # a defect in one point must not cost the others
         return Record("failed", f"{type(error).__name__}: {error}; please report this")
     seconds = time.perf_counter() - start

@@ -241,9 +241,7 @@ class _Number:
         value = system.observe(expression)(t, x, p, s)
         slopes = ca.densify(ca.jtimes(value, ca.vertcat(x, p), each, True))
         at = ca.Function("weighed", [t, x, p, s, each], [slopes])
-        held = system.scheduled(motion.p, motion.schedules, motion.time)
-        modes = motion.s_at(motion.time)
-        found = np.array(at(motion.time[None], motion.states, held, modes, w)).T.reshape(m, -1)
+        found = motion.values(at, w).T
         return found[:, : x.numel()], found[:, x.numel() :]
 
     def _add(self, t: np.ndarray, by_p: np.ndarray) -> None:

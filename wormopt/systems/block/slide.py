@@ -44,7 +44,6 @@ with on_use():
     from wormopt.systems.chain import law_of
     from wormopt.systems.shared.optimum import ACCEPTED, warnings_of_reading
     from wormopt.systems.shared.proof import warnings_of_contact
-    from wormopt.systems.shared.settings import treatment_of
 
 # Upper limit of the duration, in multiples of a simple motion.
 _LONGEST = 10.0
@@ -289,7 +288,7 @@ class Slide(OptimalMotion, kind="slide"):
     @property
     def treatment(self) -> Treatment:
         """Treatment of contact in the simulation."""
-        return treatment_of(self.contact)
+        return self.contact.options
 
     @property
     def accepted(self) -> float:

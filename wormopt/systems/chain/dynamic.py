@@ -16,6 +16,7 @@ from wormopt.ocp.motion import Guess
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.systems.chain.tables import Aim, CrawlLimits
 
 PERIODS = 6
 """Simulated periods, of which the last is the first guess."""
@@ -23,45 +24,18 @@ PERIODS = 6
 _PART = 0.9
 
 
-@dataclass(frozen=True)
-class CrawlLimits:
-    """Limits of a crawl."""
-
-    period: tuple[float, float]  # shortest and longest, positive; alike: prescribed
-    force: float  # largest size of every input
-    length: tuple[float, float] | None = None  # least and largest length of every link
-
-
-@dataclass(frozen=True)
-class Aim:
-    """Objective of a crawl: speed, or energy over mass and distance if `maximise` is None.
-
-    The latter is the positive work of the actuators over mass and distance, at a mean speed of at
-    least `speed`; a missing `speed` raises ArgumentError.
-    """
-
-    maximise: Literal["speed"] | None = "speed"  # mean speed less `effort` times the mean of |u|^2
-    effort: float = 0.0  # weight of the mean of |u|^2
-    speed: float | None = None  # least mean speed
-    judge: Literal["mean", "worst"] = "mean"  # which counts of several copies of the worm
-
-    def __post_init__(self) -> None:
-        if self.maximise is None and not (self.speed or 0.0) > 0:
-            raise ArgumentError(
-                "speed is missing, and without it the cheapest crawl stays at rest; give a least "
-                "speed above 0"
-            )
-
-
-def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
+def crawl_problem(
+    plant: Model, limits: CrawlLimits, aim: Aim, judge: Literal["mean", "worst"] = "mean"
+) -> Problem:
     """State the periodic crawl of a chain: velocities repeat, positions repeat up to the advance.
 
-    `plant` is from `chain`, or several from `scenario_model`. The tail starts at 0; bounds have the
-    names of scene keys. Raises ArgumentError if energy is the cost and the plant has no ``mass``.
+    `plant` is from `chain`, or several from `scenario_model`, of which `judge` says whether the
+    mean or the worst speed counts. The tail starts at 0; bounds have the names of scene keys.
+    Raises ArgumentError if energy is the cost and the plant has no ``mass``.
     """
     plant = replace(plant, u=[replace(u, lower=-limits.force, upper=limits.force) for u in plant.u])
     length, speed = plant.x[0].nominal, plant.x[1].nominal
-    costs = aim.maximise is None
+    costs = aim.minimise is not None
     ends = Ends.of(plant, 1)
     places = _rows(plant, "position")
     advances = [ends.end[rows[0]] - ends.start[rows[0]] for rows in places]
@@ -70,15 +44,16 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
         Constraint("start", ca.vertcat(*(ends.start[r[-1]] for r in places)), 0.0, 0.0, length)
     ]
     if aim.speed is not None:
-        at_ends.append(Constraint("aim.speed", speeds, aim.speed, nominal=speed))
+        at_ends.append(Constraint("objective.speed", speeds, aim.speed, nominal=speed))
     along = []
     if limits.length is not None:
         lengths = ca.vertcat(*_outputs(plant, "length"))
-        along.append(Constraint("limits.length", lengths, *limits.length, nominal=limits.length[1]))
+        least, most = limits.length
+        along.append(Constraint("limits.length", lengths, least, most, nominal=most))
     cost = _transport(plant, speeds) if costs else _effort(plant)
     design: list[Signal] = []
     merit = ca.sum1(speeds) / speeds.numel()
-    if aim.judge == "worst" and speeds.numel() > 1:
+    if judge == "worst" and speeds.numel() > 1:
         worst = Signal("worst speed", ca.SX.sym("worst"), "speed", speed)
         design.append(worst)
         at_ends.append(Constraint("worst speed", speeds - worst.symbol, 0.0, nominal=speed))
@@ -93,7 +68,7 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
         model=plant,
         ends=ends,
         minimise=minimise,
-        duration=limits.period,
+        duration=limits.period_range,
         periodic=[s.name for s in plant.x if s.name.startswith("velocity")],
         displaced=[s.name for s in plant.x if s.name.startswith("position")],
         integrands=cost.integrand / size,

@@ -52,12 +52,11 @@ with on_use():
     from wormopt.model.friction import Law
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
-    from wormopt.simulation.options import Exact, Tolerance, Treatment
+    from wormopt.simulation.options import Exact
     from wormopt.systems.chain.frozen import Frozen, bisect, settled, task_of, without_dry_friction
     from wormopt.systems.chain.loops import chain_for, close_loop, draw_links, laws_of
     from wormopt.systems.chain.tracked import Tracked, follow
     from wormopt.systems.shared.proof import CrossCheck, warnings_of_contact
-    from wormopt.systems.shared.settings import tolerance_of, treatment_of
     from wormopt.systems.spiked import gait_of_shape
 
 MOST_LINKS = 12
@@ -306,16 +305,6 @@ class Linear(Study, kind="linear"):
         velocity = {"velocity": np.array(self.point.velocity)}
         return linearise(self.plant, output="length", x=velocity, v_reg=self.point.v_reg)
 
-    @property
-    def treatment(self) -> Treatment:
-        """How contact is treated."""
-        return treatment_of(self.contact)
-
-    @property
-    def accuracy(self) -> Tolerance:
-        """Tolerance of simulations."""
-        return tolerance_of(self.tolerance)
-
     # -- the adaptive motion -----------------------------------------------------------------------
 
     @stage
@@ -324,7 +313,7 @@ class Linear(Study, kind="linear"):
         reference = gait_reference(self.gait, self.plant.t, shift=self._shift)
         loop = close_loop(self.plant, reference, self.tracker, self.worm)
         span = self.time.end, self.time.samples
-        how = self.treatment, self.accuracy, self.report
+        how = self.contact.options, self.tolerance.options, self.report
         try:
             return follow("tracker", self.tracker, loop, *span, *how)
         except (SolveError, Interrupted) as error:
@@ -334,11 +323,10 @@ class Linear(Study, kind="linear"):
     @stage
     def recheck(self) -> CrossCheck | None:
         """Second route of this motion."""
-        return self.motion.recheck(self.accuracy, self.tolerance.recheck, self.report)
+        return self.motion.recheck(self.tolerance.options, self.tolerance.recheck, self.report)
 
     @scalar("count", "*k* at the end of the adaptive motion")
     def gain_learned(self) -> float:
-        """Gain at the end."""
         return float(self.motion.numbers["k_end"])
 
     @scalar(
@@ -346,12 +334,10 @@ class Linear(Study, kind="linear"):
         "time of the last entry of the adaptive motion into the tube; unknown if there is none",
     )
     def capture_time(self) -> float | None:
-        """Last entry into the tube."""
         return self.motion.numbers["capture_time"]
 
     @scalar("length", "*λ*")
     def tube_radius(self) -> float:
-        """Radius of the tube."""
         return self.tracker.tube_radius
 
     # -- linear theory -----------------------------------------------------------------------------
@@ -368,12 +354,10 @@ class Linear(Study, kind="linear"):
 
     @scalar("rate", "zero of the chain at `point`: minus the slope of all friction over the mass")
     def common_zero(self) -> float:
-        """Zero that all outputs share."""
         return float(_apart(self.point_model.zeros, self.point_model.shifts).real.max())
 
     @scalar("count", "1 if the chain at `point` is minimum phase, otherwise 0")
     def minimum_phase(self) -> int:
-        """Whether it is minimum phase."""
         return int(self.point_model.minimum_phase)
 
     @scalar(
@@ -382,7 +366,6 @@ class Linear(Study, kind="linear"):
         "mass; if it is positive, a high-gain tracker has the right sign",
     )
     def gain_definite(self) -> float:
-        """Definiteness of the high-frequency gain."""
         gain = normal_form(self.plant, output="length").gain_at()
         masses = next(s.value for s in self.plant.p if s.name == "mass")
         mass = np.mean(np.asarray(masses, dtype=float))
@@ -430,7 +413,6 @@ class Linear(Study, kind="linear"):
         "unknown above `gains.most`",
     )
     def gain_linear(self) -> float | None:
-        """Sufficient gain without dry friction."""
         gains = np.array([loop.gain for loop in self.loops])
         return least_gain(lambda gain: self.task.error(self.loop(gain)), gains, self.tube_radius)
 
@@ -441,13 +423,11 @@ class Linear(Study, kind="linear"):
         "bound",
     )
     def gain_sure(self) -> float | None:
-        """Sufficient gain for every friction force."""
         gains = np.array([loop.gain for loop in self.loops])
         return least_gain(lambda gain: self.task.bound(self.loop(gain)), gains, self.tube_radius)
 
     @scalar("length", "bound of `error_learned` by linear theory; unknown if friction has no bound")
     def error_sure(self) -> float | None:
-        """Bound of the error."""
         return _finite(self.task.bound(self.learned))
 
     # -- constant gains, simulated -----------------------------------------------------------------
@@ -461,7 +441,7 @@ class Linear(Study, kind="linear"):
             gains_tried.append(gain)
             share = min(1.0, len(gains_tried) / _STEPS)
             self.report(f"simulating with the gain {gain:.4g}", share)
-            return frozen.error(gain, self.time.end, self.treatment, self.accuracy)
+            return frozen.error(gain, self.time.end, self.contact.options, self.tolerance.options)
 
         least, most = self.gains.least, self.gains.most
         needed, trials = bisect(simulated, least, most, self.tube_radius, self.gain_learned)
@@ -477,7 +457,6 @@ class Linear(Study, kind="linear"):
 
     @checks
     def checks_of_routes(self) -> Iterator[Check]:
-        """Second routes of the motion, the poles, the margins and the errors."""
         if self.recheck:
             yield self.recheck.check
         loop = self.learned
@@ -493,10 +472,12 @@ class Linear(Study, kind="linear"):
             )
             yield _agree("static gains of the impulse responses", _static(loop), _HARMONICS)
             if self._settled <= _LONGEST * self.gait.period:
-                simulated = self._free.error(loop.gain, self._settled, Exact(), self.accuracy)
+                simulated = self._free.error(
+                    loop.gain, self._settled, Exact(), self.tolerance.options
+                )
                 what = "error by simulation without dry friction"
                 yield _agree(what, self.task.error(loop) / simulated - 1, _HARMONICS)
-        if self.error_sure is not None and isinstance(self.treatment, Exact):
+        if self.error_sure is not None and isinstance(self.contact, ExactContact):
             share = self.bisection.error_learned / self.error_sure
             advice = "the error with frozen gain exceeds its bound; write a larger time.end"
             yield Check("error against its bound", share, 1.0, advice)
@@ -517,10 +498,9 @@ class Linear(Study, kind="linear"):
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of routes, contact, gains and slow motions."""
         if self.recheck is None:
             yield NOT_RECHECKED
-        yield from warnings_of_contact(self.treatment, self.laws)
+        yield from warnings_of_contact(self.contact.options, self.laws)
         sufficient = {
             "gain_linear": self.gain_linear,
             "gain_simulated": self.bisection.gain_simulated,
@@ -541,7 +521,6 @@ class Linear(Study, kind="linear"):
 
     @facts
     def left_out(self) -> dict[str, Any]:
-        """What is no pole."""
         return {
             "hidden": "the position of the worm is a shift, which is no pole or zero of the loop"
         }

@@ -18,7 +18,7 @@ from wormopt.result import Check
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.chain.tables import Tube
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, motion_facts, one_or_all
 from wormopt.systems.shared.signals import at_ends
@@ -307,7 +307,7 @@ def funnel_checks(
 # -- judged by a tube from a time on ---------------------------------------------------------------
 
 
-def judged(model: Model, tube: TubeTable) -> Model:
+def judged(model: Model, tube: Tube) -> Model:
     """Add the measured quantities to a chain, driven or controlled.
 
     It must have the output ``error``.
@@ -315,7 +315,7 @@ def judged(model: Model, tube: TubeTable) -> Model:
     return watch_tube(measure_tracking(measure_power(model)), tube.radius)
 
 
-def judged_numbers(motion: Trajectory, tube: TubeTable) -> dict[str, Any]:
+def judged_numbers(motion: Trajectory, tube: Tube) -> dict[str, Any]:
     """Scalars of a `judged` motion from time 0 on, by their names in a Result.
 
     ``work`` and quantities derived from it count the positive power of each actuator, ``net_work``

@@ -27,12 +27,12 @@ from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.progress import Report, silent
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.scenes.track_optimal import (
-    GridTable,
+from wormopt.systems.chain.tables import (
+    Grid,
     LeastError,
     LeastInput,
-    RelaxationTable,
-    TubeTable,
+    Relaxation,
+    Tube,
 )
 
 # Default weight of the error in the LQR that starts the solves, in usual sizes.
@@ -44,8 +44,8 @@ _ARCS = 10_000
 _AN_ARC, _LEAST = 10, 1e-6
 _SOLVER = Ipopt(tolerance=1e-7, iterations=300)
 _ADVICE = {
-    "late": "write a larger relaxation.time_limit, fewer grid.arcs or a smaller time.end",
-    "not_solved": "write a larger relaxation.last, another number of grid.arcs, or wider limits",
+    "late": "write a larger relaxation.time_limit, fewer mesh.arcs or a smaller time.end",
+    "not_solved": "write a larger relaxation.last, another number of mesh.arcs, or wider limits",
 }
 # `optimise` starts close to a solution, so these settings of the solver suffice.
 _WARM = replace(_SOLVER, mu_init=1e-3)
@@ -56,7 +56,7 @@ def tracking_problem(
     reference: Reference,
     end: float,
     objective: LeastError | LeastInput,
-    tube: TubeTable,
+    tube: Tube,
 ) -> Problem:
     """State optimal tracking from the plant's initial state to the time `end`.
 
@@ -145,9 +145,9 @@ def optimal_input(
     reference: Reference,
     end: float,
     objective: LeastError | LeastInput,
-    tube: TubeTable,
-    grid: GridTable,
-    relaxation: RelaxationTable,
+    tube: Tube,
+    grid: Grid,
+    relaxation: Relaxation,
     *,
     period: float,
     report: Report = silent,
@@ -158,7 +158,7 @@ def optimal_input(
     """
     if end > _ARCS * period / grid.arcs:
         raise SolveError(
-            f"grid.arcs = {grid.arcs} a period of {period:g} makes {end * grid.arcs / period:.3g} "
+            f"mesh.arcs = {grid.arcs} a period of {period:g} makes {end * grid.arcs / period:.3g} "
             f"arcs until time.end, but at most {_ARCS:g} are allowed; write a smaller time.end or "
             "fewer arcs"
         )

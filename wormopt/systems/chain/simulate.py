@@ -53,7 +53,6 @@ with on_use():
     from wormopt.control.reference import gait_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model, Output
-    from wormopt.simulation.options import Tolerance
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
     from wormopt.systems.chain.measured import (
@@ -72,7 +71,6 @@ with on_use():
         warnings_of_contact,
         warnings_of_motion,
     )
-    from wormopt.systems.shared.settings import tolerance_of, treatment_of
     from wormopt.systems.shared.signals import (
         chain_expressions,
         event_arrays,
@@ -306,19 +304,14 @@ class Simulate(Study, kind="simulate"):
 
     # -- motions -----------------------------------------------------------------------------------
 
-    @property
-    def accuracy(self) -> Tolerance:
-        """Tolerance of simulations."""
-        return tolerance_of(self.tolerance)
-
     @stage
     def motion(self) -> Trajectory:
         """The motion, of a chain with its powers."""
         model = measure_power(self.plain) if self.worm else self.plain
-        treatment, span = treatment_of(self.contact), self.time
+        treatment, span = self.contact.options, self.time
         try:
             return simulate_whole(
-                model, span.end, span.samples, treatment, self.accuracy, self.report
+                model, span.end, span.samples, treatment, self.tolerance.options, self.report
             )
         except (ValueError, RuntimeError, NotImplementedError) as error:
             if self.worm:
@@ -330,7 +323,7 @@ class Simulate(Study, kind="simulate"):
         """Second route."""
         again = self.tolerance.recheck
         return cross_check(
-            self.plain, self.motion, self.accuracy, recheck=again, report=self.report
+            self.plain, self.motion, self.tolerance.options, recheck=again, report=self.report
         )
 
     @cached_property
@@ -345,7 +338,6 @@ class Simulate(Study, kind="simulate"):
         headline=("distance", "mean_speed", "input_rms", "input_peak", "x_end", "v_end"),
     )
     def numbers(self) -> Mapping[str, Any]:
-        """Numbers of a chain's motion, or the ends of a model's signals."""
         if self.worm:
             return chain_numbers(self.motion)
         ends = {f"{n}_end": Scalar(v.values[..., -1], v.unit) for n, v in self._own.items()}
@@ -353,12 +345,10 @@ class Simulate(Study, kind="simulate"):
 
     @scalar(*CHAIN["recheck_error"])
     def recheck_error(self) -> float | None:
-        """Difference of both routes."""
         return self.recheck and self.recheck.error
 
     @arrays(_SIGNALS)
     def signals(self) -> Mapping[str, Any]:
-        """Signals over time, and events."""
         motion, events = self.motion, event_arrays([self.motion], several=False)
         if not len(motion.time):
             return events
@@ -388,7 +378,6 @@ class Simulate(Study, kind="simulate"):
 
     @attributes
     def shown(self) -> dict[str, Any]:
-        """Names of contacts, and of the signals in the picture."""
         model = self.motion.system.model
         names = [*(_SHOWN if self.worm else _own_signals(model))]
         if not model.contacts:
@@ -402,12 +391,10 @@ class Simulate(Study, kind="simulate"):
 
     @checks
     def checks_of_motion(self) -> Iterator[Check]:
-        """Second route and energy balance."""
-        yield from chain_checks(self.recheck, self.energies, self.accuracy)
+        yield from chain_checks(self.recheck, self.energies, self.tolerance.options)
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of contact and routes."""
         system = self.motion.system
         laws = laws_of(self.worm) if self.worm else [contact.law for contact in system.contacts]
         yield from warnings_of_contact(system.treatment, laws)
@@ -415,10 +402,11 @@ class Simulate(Study, kind="simulate"):
 
     @facts
     def simulation(self) -> dict[str, Any]:
-        """Facts of the simulation."""
         if self.worm:
-            return chain_facts([self.motion], [self.recheck], self.accuracy, [self.energies])
-        return motion_facts([self.motion], [self.recheck], self.accuracy)
+            return chain_facts(
+                [self.motion], [self.recheck], self.tolerance.options, [self.energies]
+            )
+        return motion_facts([self.motion], [self.recheck], self.tolerance.options)
 
 
 def _own_signals(model: Model) -> dict[str, tuple[ca.SX, str]]:

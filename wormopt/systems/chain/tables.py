@@ -13,9 +13,12 @@ from wormopt.study.types import (
     FinitePerMass,
     NonNegativePerLink,
     NonNegativePerMass,
+    Pair,
     PerMass,
+    PositiveOrPair,
     Seed,
     per,
+    wrong_order,
 )
 from wormopt.systems.shared.incline import (
     Gravity,
@@ -536,3 +539,128 @@ def _faults_of_feedforward(
         for name in feedforward.__struct_fields__:
             value = getattr(feedforward, name)
             yield from wrong_count(f"{key}.feedforward.{name}", value, links, "links")
+
+
+# -- optimal tracking ------------------------------------------------------------------------------
+
+
+class Tube(Given):
+    """Tube around the reference, and the time from which the error must stay in it."""
+
+    radius: float = positive("length", "*λ*")
+    capture: float = number(
+        "time",
+        "time from which |*e*| ≤ *λ* is required or judged; before the end of the motion",
+        least=0,
+        default=0.0,
+    )
+
+
+class LeastError(Given, tag_field="minimise", tag="error"):
+    """Minimises ∫(|*e*|² + *ρ*|*u*|²) d*t*; |·| is the Euclidean norm over the links."""
+
+    input_weight: float = positive("", "*ρ*")
+
+
+class LeastInput(Given, tag_field="minimise", tag="input"):
+    """Minimises ∫|*u*|² d*t* with the error in the tube from `tube.capture` on."""
+
+    margin: float = number(
+        "share",
+        "share of *λ* kept free for the error between grid points and for the relaxation of "
+        "complementarity",
+        least=0,
+        below=1,
+        default=0.02,
+    )
+
+
+class Grid(Given):
+    """Grid of the optimiser, with a constant input on each arc."""
+
+    arcs: int = whole(
+        1,
+        1000,
+        "least number of arcs per period of the reference; breaks of the reference lie "
+        "between arcs",
+        default=30,
+    )
+    degree: int = whole(
+        1, 5, "polynomial degree of the states on each arc (Radau collocation)", default=2
+    )
+
+
+class Relaxation(Given):
+    """Largest product of speed and force, in usual sizes, that the relaxed complementarity allows.
+
+    Each solve divides it by ten, from `first` down to `last`. Not allowed: `last` above `first`.
+    """
+
+    first: float = positive("1", "product in the first solve", default=0.1)
+    last: float = positive("1", "product in the last solve", default=1e-3)
+    time_limit: float = positive("s", "processor time limit of each of the solves", default=60.0)
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield a fault if the last product is above the first."""
+        if self.last > self.first:
+            yield "last", f"is above relaxation.first = {self.first:g}; write less"
+
+
+# -- optimal crawls --------------------------------------------------------------------------------
+
+
+class CrawlLimits(Given):
+    """Limits of the crawl."""
+
+    period: PositiveOrPair = entry("fixed period, or [shortest, longest]", quantity="time")
+    force: float = positive("force", "upper limit of |*u*<sub>j</sub>|")
+    length: Pair | None = entry(
+        "[shortest, longest] length of every link at all times; default: no limit",
+        quantity="length",
+        default=None,
+    )
+
+    @property
+    def period_range(self) -> tuple[float, float]:
+        """Shortest and longest period."""
+        range_ = self.period if isinstance(self.period, tuple) else (self.period, self.period)
+        return range_[0], range_[-1]
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield ranges whose bounds are in the wrong order."""
+        for name in ("period", "length"):
+            value = getattr(self, name)
+            if isinstance(value, tuple):
+                yield from wrong_order(name, value, may_be_equal=name == "period")
+
+
+class Aim(Given):
+    """Objective of the crawl: exactly one of `maximise` and `minimise`."""
+
+    maximise: Literal["speed"] | None = entry(
+        "mean speed − `effort` · mean of |*u*|²", default=None
+    )
+    minimise: Literal["energy_per_mass_distance"] | None = entry(
+        "positive work of the actuators over mass and distance; requires `speed`", default=None
+    )
+    effort: float = number("", "weight of the squared inputs, for `maximise`", least=0, default=0.0)
+    speed: float | None = positive(
+        "speed", "lower limit of the mean speed; default: none", default=None
+    )
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield conflicts between the keys."""
+        if (self.maximise is None) == (self.minimise is None):
+            yield (
+                "",
+                'has neither or both of maximise and minimise; write maximise = "speed" or '
+                'minimise = "energy_per_mass_distance"',
+            )
+        elif self.minimise and self.speed is None:
+            yield (
+                "speed",
+                "missing, and without it the cheapest crawl stays at rest; write the least mean "
+                "speed",
+            )
+        elif self.minimise and self.effort:
+            yield "effort", 'applies to maximise = "speed" only; leave it out'

@@ -59,7 +59,6 @@ with on_use():
     from wormopt.control.reference import gait_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
-    from wormopt.simulation.options import Tolerance, Treatment
     from wormopt.systems.chain.loops import (
         Links,
         chain_for,
@@ -80,7 +79,6 @@ with on_use():
         tracked_signals,
     )
     from wormopt.systems.shared.proof import CrossCheck, one_or_all, warnings_of_contact
-    from wormopt.systems.shared.settings import tolerance_of, treatment_of
     from wormopt.systems.shared.signals import fitted, gait_arrays
     from wormopt.systems.spiked import gait_of_shape
 
@@ -235,16 +233,6 @@ class Track(Study, kind="track"):
         names = labels(self.trackers)
         return {name: self.loop(k, links) for k, name in enumerate(names)}
 
-    @property
-    def treatment(self) -> Treatment:
-        """How contact is treated."""
-        return treatment_of(self.contact)
-
-    @property
-    def accuracy(self) -> Tolerance:
-        """Tolerance of simulations."""
-        return tolerance_of(self.tolerance)
-
     # -- motions -----------------------------------------------------------------------------------
 
     @stage
@@ -257,7 +245,7 @@ class Track(Study, kind="track"):
 
     def _follow(self, label: str, tracker: Tracker, loop: Model) -> Tracked:
         end, samples = self.time.end, self.time.samples
-        how = (self.treatment, self.accuracy, self.report)
+        how = (self.contact.options, self.tolerance.options, self.report)
         if self.ensemble is None:
             several = len(self.trackers)
             return follow(label, tracker, loop, end, samples, *how, motions=several)
@@ -268,7 +256,7 @@ class Track(Study, kind="track"):
     def recheck(self) -> Sequence[CrossCheck | None]:
         """Second route of each tracker; of an ensemble, the worst of three members."""
         again = self.tolerance.recheck
-        return [each.recheck(self.accuracy, again, self.report) for each in self.motions]
+        return [each.recheck(self.tolerance.options, again, self.report) for each in self.motions]
 
     # -- results -----------------------------------------------------------------------------------
 
@@ -284,45 +272,38 @@ class Track(Study, kind="track"):
         ),
     )
     def numbers(self) -> dict[str, Any]:
-        """Numbers of every tracker's motion."""
         return of_trackers(self.motions)
 
     @scalar(*CHAIN["recheck_error"])
     def recheck_error(self) -> Any:
-        """Difference of both routes."""
         return one_or_all([second and second.error for second in self.recheck])
 
     @arrays(_SIGNALS)
     def signals(self) -> Mapping[str, Any]:
-        """Samples up to the earliest end of all motions."""
         herds = [each for each in self.motions if isinstance(each, Herd)]
         found = herd_signals(herds, _BANDS, _EACH) if herds else tracked_signals(self.motions)
         return fitted(found, _SIGNALS) | gait_arrays(self.gait) if found else {}
 
     @attributes
     def labels(self) -> dict[str, Any]:
-        """Names of the trackers."""
         return {"trackers": [each.label for each in self.motions]}
 
     # -- trust -------------------------------------------------------------------------------------
 
     @checks
     def checks_of_trackers(self) -> Iterator[Check]:
-        """Second routes, energies, funnels, and members that were not completed."""
         for each, second in zip(self.motions, self.recheck, strict=True):
             label = each.label if len(self.motions) > 1 or self.ensemble else ""
-            yield from chain_checks(second, each.energies, self.accuracy, label)
+            yield from chain_checks(second, each.energies, self.tolerance.options, label)
             yield from each.own_checks(f"{label}: " if label else "")
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of contact, routes, and errors that may leave the tube."""
-        yield from warnings_of_contact(self.treatment, laws_of(self.worm))
+        yield from warnings_of_contact(self.contact.options, laws_of(self.worm))
         for each, second in zip(self.motions, self.recheck, strict=True):
             yield from each.warnings(second, self.gait.period)
 
     @facts
     def simulations(self) -> dict[str, Any]:
-        """Facts of the simulations."""
         motions, energies = zip(*((o.motion, o.energies) for o in self.motions), strict=True)
-        return chain_facts(motions, self.recheck, self.accuracy, energies)
+        return chain_facts(motions, self.recheck, self.tolerance.options, energies)

@@ -85,7 +85,6 @@ with on_use():
         warnings_of_contact,
         warnings_of_motion,
     )
-    from wormopt.systems.shared.settings import tolerance_of, treatment_of
     from wormopt.systems.shared.signals import fitted
     from wormopt.systems.spiked import gait_of_shape
 
@@ -344,16 +343,6 @@ class TrackerReadings(Study, kind="tracker-readings"):
         """Every combination."""
         return readings(**self.readings.choices)
 
-    @property
-    def treatment(self) -> Treatment:
-        """How contact is treated."""
-        return treatment_of(self.contact)
-
-    @property
-    def accuracy(self) -> Tolerance:
-        """Tolerance of the reading that is shown."""
-        return tolerance_of(self.tolerance)
-
     @stage
     def motions(self) -> dict[tuple[str, int], Course]:
         """Motions by tracker and reading; the signs of tracker (14) do not affect tracker (13)."""
@@ -367,7 +356,11 @@ class TrackerReadings(Study, kind="tracker-readings"):
         for count, (structure, members) in enumerate(groups.items()):
             self.report("simulating readings", count / len(groups))
             several = _courses(
-                self.example, structure, [listed[k] for k in members], self.time.end, self.treatment
+                self.example,
+                structure,
+                [listed[k] for k in members],
+                self.time.end,
+                self.contact.options,
             )
             found |= zip(((structure.feedback, k) for k in members), several, strict=True)
         alike = len(self.readings.signs)  # the key that varies fastest
@@ -397,30 +390,27 @@ class TrackerReadings(Study, kind="tracker-readings"):
         of_kind = FilterTracker if name == "filter" else DerivativeTracker
         tracker = of_kind(tube_radius=self.tracker.tube_radius)
         span = self.time.end, self.time.samples
-        how = self.treatment, self.accuracy, self.report
+        how = self.contact.options, self.tolerance.options, self.report
         return follow(TRACKERS[name], tracker, loop, *span, *how)
 
     @stage
     def recheck(self) -> list[CrossCheck | None]:
         """Second routes of these motions."""
         again = self.tolerance.recheck
-        return [each.recheck(self.accuracy, again, self.report) for each in self.shown]
+        return [each.recheck(self.tolerance.options, again, self.report) for each in self.shown]
 
     @scalar(*CHAIN["recheck_error"])
     def recheck_error(self) -> list[float | None]:
-        """Differences of both routes."""
         return [second and second.error for second in self.recheck]
 
     @arrays(_SIGNALS)
     def signals(self) -> Mapping[str, Any]:
-        """Signals of the shown reading, with both trackers."""
         if len(self.shown) < len(TRACKERS):  # of a partial result
             return {}
         return fitted(tracked_signals(self.shown), _SIGNALS)
 
     @attributes
     def names(self) -> dict[str, Any]:
-        """Names and meanings of trackers, sentences and choices; the table."""
         choices, found = self.readings.choices, self.judged
         picked = zip(choices.items(), found.reading_choice[found.chosen], strict=True)
         return {
@@ -436,27 +426,24 @@ class TrackerReadings(Study, kind="tracker-readings"):
 
     @checks
     def checks_of_readings(self) -> Iterator[Check]:
-        """Mirror images, second routes, energies, and gains as judged."""
         found = self.judged
         yield from _mirror(self.example, self.listed, found.gain_end)
         gains = found.gain_end[:, found.chosen]
         for each, second, gain in zip(self.shown, self.recheck, gains, strict=True):
-            yield from chain_checks(second, each.energies, self.accuracy, each.label)
+            yield from chain_checks(second, each.energies, self.tolerance.options, each.label)
             yield _same(each, gain)
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of contact and routes."""
         chosen = self.listed[self.judged.chosen]
-        yield from warnings_of_contact(self.treatment, [Coulomb(*chosen.friction)])
+        yield from warnings_of_contact(self.contact.options, [Coulomb(*chosen.friction)])
         for each, second in zip(self.shown, self.recheck, strict=True):
             yield from warnings_of_motion(each.motion, second)
 
     @facts
     def simulations(self) -> dict[str, Any]:
-        """Facts of the simulations."""
         motions, energies = zip(*((o.motion, o.energies) for o in self.shown), strict=True)
-        return chain_facts(motions, self.recheck, self.accuracy, energies)
+        return chain_facts(motions, self.recheck, self.tolerance.options, energies)
 
 
 def _courses(

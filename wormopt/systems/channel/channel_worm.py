@@ -9,7 +9,6 @@ from typing import Any, ClassVar, Literal
 
 from wormopt.errors import Fault
 from wormopt.study import (
-    Given,
     array,
     check,
     entry,
@@ -20,7 +19,7 @@ from wormopt.study import (
     value,
     warnings,
 )
-from wormopt.study.types import Pair, Title, wrong_order
+from wormopt.study.types import Pair, wrong_order
 from wormopt.systems.channel.samples import Mark
 from wormopt.systems.channel.tables import BodyStudy
 
@@ -30,7 +29,6 @@ with on_use():
     from wormopt.systems.channel.closed_forms import (
         DIRECTION,
         SHAPES,
-        ChannelWorm,
         warnings_of_count,
     )
     from wormopt.systems.channel.segments import assumed_curve
@@ -44,14 +42,6 @@ _ASSUMED = {
     "shape": "centre lines (eqs 33-35 of Zimmermann et al.) are assumed, not computed from forces",
     "grip": "segments do not slip while the field passes",
 }
-
-
-class Marked(Given):
-    """A measured velocity."""
-
-    frequency: float = positive("rate", "coil switches per second")
-    velocity: float = positive("speed", "velocity against the travel of the field")
-    text: Title = entry("label in the plot")
 
 
 @dataclass(frozen=True)
@@ -100,9 +90,7 @@ class ChannelVelocity(BodyStudy, kind="channel-worm"):
     segment at all, and marks outside the stated validity of eq. 32.
     """
 
-    pictures: ClassVar = {
-        "channel_velocity": "wormopt.systems.channel.plots.channel:channel_velocity"
-    }
+    pictures: ClassVar = {"channel_velocity": "wormopt.systems.channel.pictures:channel_velocity"}
 
     want: tuple[Literal["channel_velocity"], ...] = entry(
         "`channel_velocity`: figures 19 and 20 of Zimmermann et al.", default=()
@@ -110,7 +98,7 @@ class ChannelVelocity(BodyStudy, kind="channel-worm"):
     frequency: Pair = entry(
         "range of coil switches per second", quantity="rate", default=(5.0, 1000.0)
     )
-    measured: tuple[Marked, ...] = entry("measured marks beside those of the sample", default=())
+    measured: tuple[Mark, ...] = entry("measured marks beside those of the sample", default=())
     valid_below: float | None = positive(
         "rate",
         "switches per second below which eq. 32 is valid; the sample's if left out",
@@ -128,20 +116,14 @@ class ChannelVelocity(BodyStudy, kind="channel-worm"):
         yield from wrong_order("frequency", self.frequency, may_be_equal=False)
 
     @cached_property
-    def body(self) -> ChannelWorm:
-        """The body."""
-        return self.worm.worm()
-
-    @cached_property
     def marks(self) -> tuple[Mark, ...]:
         """Measured velocities of the sample and of the scene."""
-        sample = self.worm.of_chapter
-        given = tuple(Mark(m.frequency, m.velocity, m.text) for m in self.measured)
-        return (sample.marks if sample else ()) + given
+        sample = self.worm.published
+        return (sample.marks if sample else ()) + self.measured
 
     def _limit(self, name: str) -> float | None:
         """Return a frequency limit by its key, from the named body if the scene has none."""
-        sample = self.worm.of_chapter
+        sample = self.worm.published
         return getattr(self, name) or (getattr(sample, name) if sample else None)
 
     @parts(Numbers)

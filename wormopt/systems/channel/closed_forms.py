@@ -27,15 +27,13 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.result import left_out
-from wormopt.systems.channel.samples import SAMPLES
+from wormopt.systems.channel.samples import SAMPLES, STEEPEST
 
 Shape = Literal["sine", "beam", "line"]
 CountRule = Literal["nearest", "floor"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 DIRECTION = -1
 """The body moves against the travel of the field."""
-STEEPEST = 10.0
-"""Rise over pitch up to which arc lengths are exact to round-off."""
 
 # Steps of the arithmetic-geometric mean and Gauss points that reach round-off up to STEEPEST.
 _STEPS = 7

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
-import casadi as ca
-import numpy as np
-
-from wormopt.analysis.resting import Loaded, Rest
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.magnetics.blocks import BlockField, channel_field
-from wormopt.magnetics.coils import Coil
-from wormopt.progress import Report
 from wormopt.result import Check
-from wormopt.systems.channel.closed_forms import ChannelWorm
-from wormopt.systems.channel.curve import Curve, RodLine, distances
-from wormopt.systems.channel.rod import Rod
-from wormopt.systems.channel.rod_model import (
-    block_energy,
-    block_load,
-    channel_rod,
-    magnetic_strength,
-)
-from wormopt.systems.channel.scenes.channel import RestTable
+from wormopt.study import on_use, signal, value
+
+with on_use():
+    import casadi as ca
+    import numpy as np
+
+    from wormopt.analysis.resting import Loaded, Rest
+    from wormopt.magnetics.blocks import BlockField
+    from wormopt.progress import Report
+    from wormopt.systems.channel.closed_forms import ChannelWorm
+    from wormopt.systems.channel.curve import Curve, RodLine, distances
+    from wormopt.systems.channel.rod import Rod
+    from wormopt.systems.channel.rod_model import (
+        block_energy,
+        block_load,
+        channel_rod,
+        magnetic_strength,
+    )
+    from wormopt.systems.channel.tables import RodOverCoils
 
 # Accepted residual of the forces, and accepted change of length with two thirds of the elements.
 _BALANCED, _MESH = 1e-6, 5e-3
@@ -44,21 +47,43 @@ ASSUMED = {
 
 @dataclass(frozen=True, eq=False)
 class RodAtRest:
-    """A rod at rest; lengths in m, forces in N."""
+    """A rod at rest, and its segment between two coils."""
 
-    table: RestTable
+    table: RodOverCoils
     worm: ChannelWorm
     rod: Rod  # the body on elements
     rest: Rest  # places and forces; x from the middle of the block
     curve: Curve  # middle segment, lower to upper wall as `SegmentShape`
-    lengths: tuple[float, ...]  # of all segments
-    reached: bool  # walls are touched at both ends of the segment
     bending: tuple[float, float]  # bending energy over E I and largest curvature, 1/m
-    stretch: float  # relative elongation of the segment by the load
-    other_energy: float | None  # of the rod along one wall; None if it does not stay there
-    compression: float  # largest relative shortening of fibres
     mesh_change: float  # change of the length with two thirds of the elements, over the length
     field_error: float  # largest error of the series of H², over largest H²
+    reached: bool = value(
+        "1",
+        "whether the rod touches the walls within half a coil distance of both coils of the "
+        "segment",
+        name="rod_reaches_walls",
+    )
+    lengths: list[float] = value(
+        "length",
+        "length of all segments of the block; `arc_length` has the middle one",
+        name="rod_arc_lengths",
+    )
+    stretch: float = value(
+        "share",
+        "length of the segment less that of the same piece of the body without load",
+        name="rod_stretch",
+    )
+    compression: float = value(
+        "share",
+        "largest shortening of any fibre; at 1 cross sections penetrate each other, and the "
+        "rod is refused as crushed (exit code 3)",
+        name="rod_compression_max",
+    )
+    other_energy: float | None = value(
+        "energy",
+        "energy of a rod along the wall of the first coil; unknown if it does not stay there",
+        name="rod_energy_on_one_wall",
+    )
 
     @property
     def walls(self) -> tuple[np.ndarray, np.ndarray]:
@@ -100,28 +125,31 @@ class _Bench:
     """The rod in its channel over a block of coils, for any ampere-turns."""
 
     worm: ChannelWorm
-    table: RestTable
+    table: RodOverCoils
     elements: int
-    rod: Rod = field(init=False)
-    loaded: Loaded = field(init=False)
-    field: BlockField = field(init=False)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def rod(self) -> Rod:
         worm, table = self.worm, self.table
         assert worm.youngs_modulus is not None
-        rod = Rod(worm.length, worm.body, worm.youngs_modulus, _DENSITY,
-                  poisson_ratio=table.poisson_ratio, elements=self.elements,
-                  degree=table.degree)  # fmt: skip
-        found = channel_field(
-            Coil(table.inner, table.outer, table.length), worm.pitch, worm.channel,
-            table.clearance, worm.body, table.on, table.every, table.field_tolerance,
+        return Rod(worm.length, worm.body, worm.youngs_modulus, _DENSITY,
+                   poisson_ratio=table.poisson_ratio, elements=self.elements,
+                   degree=table.degree)  # fmt: skip
+
+    @cached_property
+    def field(self) -> BlockField:
+        worm, table = self.worm, self.table
+        return table.field(
+            worm.pitch, worm.channel, worm.body, table.on, table.every, table.field_tolerance
+        )
+
+    @cached_property
+    def loaded(self) -> Loaded:
+        rod = self.rod
+        return Loaded(
+            channel_rod(rod, self.worm.channel, _FRICTION), block_energy(rod, self.field),
+            block_load(rod, [self.field]), size=rod.stiffness().bending / self.worm.pitch,
         )  # fmt: skip
-        loaded = Loaded(
-            channel_rod(rod, worm.channel, _FRICTION), block_energy(rod, found),
-            block_load(rod, [found]), size=rod.stiffness().bending / worm.pitch,
-        )  # fmt: skip
-        for name, value in (("rod", rod), ("loaded", loaded), ("field", found)):
-            object.__setattr__(self, name, value)
 
     def at(self, ampere_turns: float, start: np.ndarray) -> Rest:
         """Return the rest at given ampere-turns, with the first coil on the upper side."""
@@ -204,15 +232,15 @@ class _Bench:
         return True
 
 
-def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
+def rest_of(worm: ChannelWorm, table: RodOverCoils, report: Report) -> RodAtRest:
     """Return the rest of the body over a block of coils, and its segment between two of them.
 
     The modulus of `worm` must be known. Raises SolveError if there is no rest, or the body does not
     reach over the coils ("no_segment").
     """
-    report("rod: field of the coils", 0.65)
+    report("rod: field of the coils", None)
     bench = _Bench(worm, table, table.elements)
-    report("rod: coming to rest", 0.7)
+    report("rod: coming to rest", None)
     rest = bench.at(table.ampere_turns, bench.bent)
     k = bench.middle_segment
     curve = bench.segment(rest, k)
@@ -222,7 +250,7 @@ def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
     line = RodLine(bench.rod, rest.places)
     return RodAtRest(
         table=table, worm=worm, rod=bench.rod, rest=rest, curve=curve,
-        lengths=tuple(bench.segment(rest, j).length for j in range(table.on - 1)),
+        lengths=[bench.segment(rest, j).length for j in range(table.on - 1)],
         reached=bench.reached(rest), bending=line.curvature(first, first + worm.pitch),
         stretch=curve.length / line.unloaded(first, first + worm.pitch) - 1,
         other_energy=_on_one_wall(bench, table),
@@ -232,7 +260,7 @@ def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
     )  # fmt: skip
 
 
-def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
+def _on_one_wall(bench: _Bench, table: RodOverCoils) -> float | None:
     """Return the energy of the rod that stays on the first coil's wall as the field grows."""
     places, rest = bench.flat, None
     for share in _SHARES:
@@ -250,15 +278,19 @@ def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
 class Sweep:
     """Rests over ampere-turns; NaN if the segment does not span the walls."""
 
-    turns: np.ndarray  # (m,) ampere-turns
-    lengths: np.ndarray  # (m,) of the middle segment, m
-    apart: np.ndarray  # (shapes, m) largest distances from assumed shapes, m
-    closest: list[str | None]  # closest of these
-    warnings: list[str]  # rests that are unstable or unbalanced
+    left_out: list[str]  # warnings of rests that are unstable or unbalanced
+    sweep: np.ndarray = signal("ampere_turns", "sweep", "ampere-turns")
+    sweep_arc_length: np.ndarray = signal("length", "sweep", "length of the segment")
+    sweep_distance: np.ndarray = signal(
+        "length", "assumed sweep", "largest distance from the assumed shapes"
+    )
+    sweep_closest_shape: list[str | None] = value(
+        "1", "closest assumed shape at each value of `rod.sweep`"
+    )
 
 
 def sweep_of(
-    worm: ChannelWorm, table: RestTable, assumed: dict[str, Curve], report: Report
+    worm: ChannelWorm, table: RodOverCoils, assumed: dict[str, Curve], report: Report
 ) -> Sweep:
     """Return length and closest `assumed` shape over ampere-turns, each from the previous rest.
 
@@ -270,7 +302,7 @@ def sweep_of(
     places, warnings = bench.bent, []
     # from strong fields, which hold the rod on both walls, to weak ones
     for done, j in enumerate(np.argsort(turns)[::-1]):
-        report(f"rod: {turns[j]:g} ampere-turns", 0.75 + 0.05 * done / len(turns))
+        report(f"rod: {turns[j]:g} ampere-turns", done / len(turns))
         rest = bench.at(float(turns[j]), places)
         if doubt := _doubt(rest):
             warnings.append(f"rod.sweep: left out at {turns[j]:g} ampere-turns: {doubt}")
@@ -283,4 +315,4 @@ def sweep_of(
         apart[:, j] = [distances(curve, other)[0] for other in assumed.values()]
     names = list(assumed)
     closest = [None if np.isnan(column[0]) else names[int(np.argmin(column))] for column in apart.T]
-    return Sweep(turns, lengths, apart, closest, warnings)
+    return Sweep(warnings, turns, lengths, apart, closest)

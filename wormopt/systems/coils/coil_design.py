@@ -93,7 +93,7 @@ class Waveforms(Given):
         quantity="count",
         default=(5, 6, 8),
     )
-    rate: Pair = entry("least and largest number of steps per second", quantity="rate")
+    frequency: Pair = entry("least and largest number of steps per second", quantity="rate")
     slew: float | None = positive(
         "ampere_turn_rate",
         "largest rate of a coil's ampere-turns; unlimited if left out",
@@ -102,7 +102,7 @@ class Waveforms(Given):
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
-        yield from wrong_order("rate", self.rate, may_be_equal=False)
+        yield from wrong_order("frequency", self.frequency, may_be_equal=False)
         if self.slew is not None and self.form == "steps":
             yield "slew", 'currents of form = "steps" jump; write form = "ramps"'
 
@@ -118,7 +118,7 @@ class Waveforms(Given):
 class CarryTime(Given):
     """Duration for which the float is carried."""
 
-    time: float = positive("time", "duration of the mean speed, starting from a flat film")
+    end: float = positive("time", "duration of the mean speed, starting from a flat film")
     samples: int = whole(9, 2000, "number of states kept", default=121)
 
 
@@ -159,12 +159,12 @@ class CoilDesign(OverCoils, kind="coil-design"):
     want: tuple[Literal["coil_design"], ...] = entry(
         "`coil_design`: waveforms, paths of the float, currents and film", default=()
     )
-    aim: CarryAim = entry("objective", default=CarryAim)
+    objective: CarryAim = entry("objective", default=CarryAim)
     pattern: Waveforms = entry("waveforms to search")
     coils: Coils = entry("the row; `ampere_turns` is the limit", default=Coils)
     copper: Copper = entry("the wire", default=Copper)
     cargo: Cargo = entry("the float")
-    course: CarryTime = entry("duration")
+    time: CarryTime = entry("duration")
     search: DesignSearch = entry("effort and grid of the search", default=DesignSearch)
     grid: Cells = entry("grid of the final simulation", default=Cells)
 
@@ -183,9 +183,9 @@ class CoilDesign(OverCoils, kind="coil-design"):
     @cached_property
     def task(self) -> Task:
         """Objective and limits, on the grid of the search."""
-        layer, aim, form = self.layer_of(self.search.cells), self.aim, self.pattern
-        rides = Rides(**vars(self.setup(layer)), time=self.course.time)
-        low, high = form.rate
+        layer, aim, form = self.layer_of(self.search.cells), self.objective, self.pattern
+        rides = Rides(**vars(self.setup(layer)), time=self.time.end)
+        low, high = form.frequency
         return Task(
             rides, self.copper, aim.seek, form.form, form.per_step, (low, high), aim.speed,
             form.slew,
@@ -243,7 +243,7 @@ class CoilDesign(OverCoils, kind="coil-design"):
     @cached_property
     def times(self) -> np.ndarray:
         """Times at which states are kept, in s."""
-        return np.linspace(0.0, self.course.time, self.course.samples)
+        return np.linspace(0.0, self.time.end, self.time.samples)
 
     @stage
     def mean_field_motion(self) -> Trajectory:
@@ -266,7 +266,7 @@ class CoilDesign(OverCoils, kind="coil-design"):
 
     @scalar("speed", "the same over the second half of the time")
     def late_speed(self) -> float:
-        return _speed(self.motion, len(self.time) // 2)
+        return _speed(self.motion, len(self.instants) // 2)
 
     @scalar("speed", "mean speed with the best mean-field currents")
     def mean_field_speed(self) -> float:
@@ -286,9 +286,9 @@ class CoilDesign(OverCoils, kind="coil-design"):
 
     def gain_over(self, speed: float, power: float) -> float | None:
         """Return the relative gain of the design; unknown against a rival that is too slow."""
-        if self.aim.speed is None:
+        if self.objective.speed is None:
             return self.float_speed / speed - 1
-        return None if speed < 0.99 * self.aim.speed else 1 - self.power / power
+        return None if speed < 0.99 * self.objective.speed else 1 - self.power / power
 
     @scalar("power", "mean power of all coils")
     def power(self) -> float:
@@ -400,7 +400,7 @@ class CoilDesign(OverCoils, kind="coil-design"):
     def neighbour_gain(self) -> float:
         here = self.task.judge(("design", self.design))
         gain = max(best(self.neighbouring_patterns).value - here.value, 0.0)
-        return float(gain / here.speed if self.aim.seek == "speed" else gain)
+        return float(gain / here.speed if self.objective.seek == "speed" else gain)
 
     @check(0.05, "a neighbouring pattern is better by {value:.2g}; raise search.generations")
     def neighbours(self) -> float:
@@ -408,12 +408,12 @@ class CoilDesign(OverCoils, kind="coil-design"):
 
     @checks
     def required_speed(self) -> Iterator[Check]:
-        if self.aim.speed is not None:
-            short = max(1 - self.float_speed / self.aim.speed, 0.0)
+        if self.objective.speed is not None:
+            short = max(1 - self.float_speed / self.objective.speed, 0.0)
             yield Check(
                 "speed kept", short, 0.01,
-                f"the float is slower than aim.speed by {short:.2g}; lower aim.speed, or raise "
-                "coils.ampere_turns or the rates",
+                f"the float is slower than objective.speed by {short:.2g}; lower objective.speed, "
+                "or raise coils.ampere_turns or the frequencies",
             )  # fmt: skip
 
     @facts
@@ -437,16 +437,16 @@ class CoilDesign(OverCoils, kind="coil-design"):
         yield from self.warnings_of_float()
         wall = (self.coils.count - 1) * self.coils.pitch + self.film.overhang
         if self.cargo.start + self.float_numbers.float_travel > wall - self.cargo.length:
-            yield "the wall stops the float near it; write more coils, or a shorter course.time"
+            yield "the wall stops the float near it; write more coils, or a shorter time.end"
         for sort in (self.contest.block, self.contest.wave):
             if sort.pattern is self.design:
                 yield f"no search improved on the best {sort.name}, so this is the design"
         ends = [one.end.value for one in self.searches]
         if len(ends) > 1 and abs(ends[0] - ends[-1]) > 0.01 * abs(ends[0]):
             yield "searches from different starts ended in different optima"
-        low, high = self.pattern.rate
+        low, high = self.pattern.frequency
         if not 1.01 * low < self.rate < 0.99 * high:
-            yield f"the rate is at an end of pattern.rate: {self.rate:.3g}; widen it"
+            yield f"the rate is at an end of pattern.frequency: {self.rate:.3g}; widen it"
 
 
 def _speed(motion: Trajectory, begin: int = 0) -> float:

@@ -71,7 +71,7 @@ class CoilFilm(OverCoils, kind="coil-film"):
         default=(),
     )
     switching: Switching = entry("sequence of active coils")
-    course: SwitchedTime = entry("duration")
+    time: SwitchedTime = entry("duration")
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -88,8 +88,8 @@ class CoilFilm(OverCoils, kind="coil-film"):
     @cached_property
     def times(self) -> np.ndarray:
         """Times at which states are kept, in s."""
-        steps = self.course.switches
-        return np.linspace(0, steps / self.switching.rate, steps * self.course.samples + 1)
+        steps = self.time.switches
+        return np.linspace(0, steps / self.switching.frequency, steps * self.time.samples + 1)
 
     def currents_of_steps(self, count: int) -> np.ndarray:
         """Return the currents of the steps that occur, shape (steps, coils); `count` at most."""
@@ -120,16 +120,16 @@ class CoilFilm(OverCoils, kind="coil-film"):
 
     @scalar("area", "the same per switch, on average")
     def carried_per_switch(self) -> float:
-        return self.carried / self.course.switches
+        return self.carried / self.time.switches
 
     @scalar("speed", "pitch times switches per second")
     def wave_speed(self) -> float:
-        return self.coils.pitch * self.switching.rate
+        return self.coils.pitch * self.switching.frequency
 
     @scalar("speed", "mean speed of the float", when="cargo")
     def float_speed(self) -> float:
         X = self.float_position
-        return float((X[-1] - X[0]) / (self.time[-1] - self.time[0]))
+        return float((X[-1] - X[0]) / (self.instants[-1] - self.instants[0]))
 
     @scalar(
         "share",
@@ -138,7 +138,7 @@ class CoilFilm(OverCoils, kind="coil-film"):
         when="cargo",
     )
     def float_captured(self) -> float:
-        ways = np.diff(self.float_position[:: self.course.samples])[self.switching.on :]
+        ways = np.diff(self.float_position[:: self.time.samples])[self.switching.on :]
         return float(np.mean(ways >= _KEEPS_UP * self.coils.pitch)) if ways.size else 0.0
 
     # -- assumptions -------------------------------------------------------------------------------

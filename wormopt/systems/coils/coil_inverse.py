@@ -144,8 +144,9 @@ class RowCurrents(AlongRow, kind="coil-inverse"):
         """The film, in the units of its equations."""
         film = self.film
         return Fluid(
-            film.mu_r, film.viscosity, film.density, film.surface_tension, film.depth,
-            self.wave.wavelength, self.wave.frequency,
+            mu_r=film.mu_r, viscosity=film.viscosity, density=film.density,
+            surface_tension=film.surface_tension, depth=film.depth,
+            wavelength=self.wave.wavelength, frequency=self.wave.frequency,
         )  # fmt: skip
 
     @cached_property

@@ -150,8 +150,8 @@ class AlongRow(SIStudy):
         return {
             "coils": coils.count,
             "pitch": coils.pitch,
-            "coil_inner": coils.inner,
-            "coil_outer": coils.outer,
+            "coil_inner": coils.inner_radius,
+            "coil_outer": coils.outer_radius,
             "coil_length": coils.length,
             "coil_gap": coils.gap,
             "line_height": self.line.height,
@@ -234,7 +234,7 @@ class SwitchedRow(AlongRow, kind="coil-row"):
 
     @scalar("speed", "pitch times switches per second", headline=True)
     def wave_speed(self) -> float:
-        return self.coils.pitch * self.switching.rate
+        return self.coils.pitch * self.switching.frequency
 
     @scalar("length", "`switching.every` pitches", headline=True)
     def wavelength(self) -> float:

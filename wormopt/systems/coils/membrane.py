@@ -243,7 +243,7 @@ class MembraneThickness(SIStudy, kind="membrane"):
     contact_strain: float = number(
         "share", "strain at which the worm touches the ground or its channel", least=0, default=0.02
     )
-    points: int = whole(3, 1000, "number of points of the front", default=41)
+    samples: int = whole(3, 1000, "number of points of the front", default=41)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -298,9 +298,9 @@ class MembraneThickness(SIStudy, kind="membrane"):
     def thicknesses(self) -> np.ndarray:
         """Thicknesses of the largest strain for each allowed loss."""
         most, least = (self.choice.measures(size)["loss"] for size in self.thickness)
-        found = np.empty(self.points)
-        for k, allowed in enumerate(np.geomspace(least, most, self.points)):
-            self.report("front", k / self.points)
+        found = np.empty(self.samples)
+        for k, allowed in enumerate(np.geomspace(least, most, self.samples)):
+            self.report("front", k / self.samples)
             found[k], _ = self.choice.widest(self.span, loss=allowed)
         return found
 

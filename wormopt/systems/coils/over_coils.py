@@ -112,7 +112,7 @@ class Cargo(Given):
     length: float = positive("length", "length along the row")
     thickness: float = positive("length", "thickness of the plate")
     density: float = positive("density", "density of the plate")
-    modulus: float = positive(
+    youngs_modulus: float = positive(
         "stress", "Young's modulus; bending stiffness is modulus thickness³ / 12", default=1e9
     )
     start: float = number("length", "initial position of its middle; coil 0 is at 0", default=0.0)
@@ -163,7 +163,7 @@ class Cargo(Given):
     @property
     def stiffness(self) -> float:
         """Bending stiffness, in N m."""
-        return self.modulus * self.thickness**3 / 12
+        return self.youngs_modulus * self.thickness**3 / 12
 
     def on(self, layer: Layer) -> Float:
         """Return the float on a film, with its stiffness limited to that of a rigid float."""
@@ -291,8 +291,8 @@ class OverCoils(SIStudy):
 
     # -- the film ----------------------------------------------------------------------------------
 
-    @array("time", "time", "time")
-    def time(self) -> np.ndarray:
+    @array("time", "time", "time", name="time")
+    def instants(self) -> np.ndarray:
         return self.motion.time
 
     @array("length", "x", "position along the row")
@@ -309,7 +309,7 @@ class OverCoils(SIStudy):
 
     @array("ampere_turns", "time coil", "ampere-turns")
     def current(self) -> np.ndarray:
-        return self.currents(np.mod(self.time, self.currents.period)).T
+        return self.currents(np.mod(self.instants, self.currents.period)).T
 
     @array("length", "time", "position of the float's middle", when="cargo")
     def float_position(self) -> np.ndarray:
@@ -414,8 +414,8 @@ class OverCoils(SIStudy):
             modulus = 12 * self.body.stiffness / self.cargo.thickness**3
             yield (
                 "the float counts as rigid: a load as high as the film's depth would bend it by "
-                "less than a hundredth of the depth, and it is computed with cargo.modulus = "
-                f"{modulus:.2g} Pa"
+                "less than a hundredth of the depth, and it is computed with "
+                f"cargo.youngs_modulus = {modulus:.2g} Pa"
             )
 
 

@@ -132,8 +132,9 @@ def wave_pattern(
     chi = magnet.magnetisation.chi
     turn = 2 * math.pi * rate / repeat
     film = Fluid(
-        1 + chi, layer.viscosity, magnet.density, magnet.surface_tension, layer.depth, wavelength,
-        turn,
+        mu_r=1 + chi, viscosity=layer.viscosity, density=magnet.density,
+        surface_tension=magnet.surface_tension, depth=layer.depth, wavelength=wavelength,
+        frequency=turn,
     )  # fmt: skip
     wave, unit = CosineWave(delta), float(film.field(1.0)) ** 2
     # the weight of a wave of one harmonic acts like a tension

@@ -36,8 +36,8 @@ class Coils(Given):
 
     count: int = whole(1, 200, "number of places along the row; 20 in section 3.5", default=20)
     pitch: float = positive("length", "distance of neighbours; from section 3.4", default=10e-3)
-    inner: float = positive("length", "inner radius of the winding; assumed", default=2e-3)
-    outer: float = positive("length", "outer radius of the winding; assumed", default=4.5e-3)
+    inner_radius: float = positive("length", "inner radius of the winding; assumed", default=2e-3)
+    outer_radius: float = positive("length", "outer radius of the winding; assumed", default=4.5e-3)
     length: float = positive("length", "axial length of the winding; assumed", default=20e-3)
     ampere_turns: float = positive(
         "ampere_turns", "largest ampere-turns of a coil; 3000 in section 3.5", default=3000.0
@@ -55,13 +55,13 @@ class Coils(Given):
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield rows that cannot be built."""
-        if self.inner >= self.outer:
+        if self.inner_radius >= self.outer_radius:
             yield (
-                "inner",
-                f"{self.inner:g} is not below coils.outer = {self.outer:g}; write a radius below "
-                "coils.outer",
+                "inner_radius",
+                f"{self.inner_radius:g} is not below coils.outer_radius = {self.outer_radius:g}; "
+                "write a radius below coils.outer_radius",
             )
-        size, what = 2 * self.outer, "twice coils.outer"
+        size, what = 2 * self.outer_radius, "twice coils.outer_radius"
         if self.axis == "along":
             size, what = self.length, "coils.length"
         if self.pitch < size:
@@ -82,21 +82,21 @@ class Coils(Given):
     @cached_property
     def row(self) -> CoilRow:
         """The row as the formulas take it."""
-        coil = Coil(self.inner, self.outer, self.length, self.ampere_turns)
+        coil = Coil(self.inner_radius, self.outer_radius, self.length, self.ampere_turns)
         return CoilRow(coil, self.count, self.pitch, self.axis, self.gap)
 
     @property
     def section(self) -> float:
         """Section of a winding, in m²."""
-        return self.length * (self.outer - self.inner)
+        return self.length * (self.outer_radius - self.inner_radius)
 
     @property
     def taken(self) -> tuple[float, float]:
         """Heights between which a line along the row meets windings, symmetric above and below."""
         if self.axis == "along":
-            return self.inner, self.outer
+            return self.inner_radius, self.outer_radius
         if self.axis == "across":
-            return (0.0, self.outer) if self.gap is None else (1.0, 0.0)
+            return (0.0, self.outer_radius) if self.gap is None else (1.0, 0.0)
         if self.gap is None:
             return 0.0, self.length / 2
         return self.gap / 2, self.gap / 2 + self.length
@@ -117,7 +117,7 @@ class Switching(Given):
     More ampere-turns than the coils carry are refused.
     """
 
-    rate: float = positive("rate", "switches per second, *n* of Zimmermann et al.")
+    frequency: float = positive("rate", "switches per second, *n* of Zimmermann et al.")
     on: int = whole(1, 200, "number of coils in a block", default=3)
     every: int | None = whole(
         1,
@@ -159,7 +159,7 @@ class Switching(Given):
     def currents(self, coils: Coils) -> Gait:
         """Return the ampere-turns of all coils over time."""
         return switched_course(
-            coils.count, self.amount(coils), self.rate, on=self.on, every=self.every
+            coils.count, self.amount(coils), self.frequency, on=self.on, every=self.every
         )
 
 

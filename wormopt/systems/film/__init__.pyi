@@ -4,9 +4,6 @@ from wormopt.systems.film.body import carried_body as carried_body
 from wormopt.systems.film.cosine import CosineWave as CosineWave
 from wormopt.systems.film.courses import CarriedFilm as CarriedFilm
 from wormopt.systems.film.courses import carried_film as carried_film
-from wormopt.systems.film.design.search import best_wave as best_wave
-from wormopt.systems.film.design.wave import WaveAim as WaveAim
-from wormopt.systems.film.design.wave import WaveLimits as WaveLimits
 from wormopt.systems.film.float import corrected_drift as corrected_drift
 from wormopt.systems.film.float import float_drift as float_drift
 from wormopt.systems.film.float import floating as floating
@@ -17,3 +14,6 @@ from wormopt.systems.film.next_order import corrected_flow as corrected_flow
 from wormopt.systems.film.shapes import FourierWave as FourierWave
 from wormopt.systems.film.shapes import grid as grid
 from wormopt.systems.film.units import Fluid as Fluid
+from wormopt.systems.film.wave_problem import WaveAim as WaveAim
+from wormopt.systems.film.wave_problem import WaveLimits as WaveLimits
+from wormopt.systems.film.wave_search import best_wave as best_wave

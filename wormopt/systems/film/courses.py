@@ -1,12 +1,13 @@
 """Simulate a film in a travelling field, on points that resolve it.
 
-Newton's method finds the closest steady films, with the growth rates of their deviations.
+Newton's method finds the closest steady films, with the growth rates of their deviations. Steady
+films are continued in the amplitude of the wave that the field prescribes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -14,7 +15,8 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from wormopt.analysis.steady import Rates, SteadyState
+from wormopt.analysis.continuation import Branch, continue_branch
+from wormopt.analysis.steady import Rates, SteadyState, rates_of
 from wormopt.errors import Interrupted, SolveError
 from wormopt.model.model import Model, Signal, pack
 from wormopt.numerics.newton import newton
@@ -22,8 +24,17 @@ from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.given_field import GivenField, film_thickness, film_volume, thin_film
+from wormopt.systems.film.given_field import (
+    GivenField,
+    WaveField,
+    film_thickness,
+    film_volume,
+    resampled,
+    thin_film,
+)
+from wormopt.systems.film.lubrication import field_slope
 from wormopt.systems.film.shapes import grid
+from wormopt.systems.film.tables import Duration, Resolution
 
 Outcome = Literal["wave", "other", "moving", "breaks", "unresolved"]
 OUTCOMES: tuple[Outcome, ...] = ("wave", "other", "moving", "breaks", "unresolved")
@@ -37,6 +48,8 @@ _FIRST_SPAN, _LONGER = 2.0, 10.0
 _CLOSER = 64
 # A film whose highest harmonics are below this share is resolved without a second resolution.
 _ENOUGH = 1e-6
+# Points of a branch; films that differ by less are the same.
+_MOST, _SAME = 400, 1e-6
 # Points of the film in the field of a row of coils.
 _POINTS = 256
 # Steps this short, or NaN, mean that the points no longer resolve the film.
@@ -52,15 +65,9 @@ class Setting:
     start: Callable[[np.ndarray], np.ndarray]  # phases to the thickness at time 0
     # phases to the thickness of the prescribed wave
     wave: Callable[[np.ndarray], np.ndarray] | None
-    periods: float = 100.0  # how long, in periods of the wave
-    samples: int = 401  # times that are kept
-    rupture: float = 0.02  # thickness below which a film counts as broken
-    settled: float = 1e-6  # distance from a steady film at which it counts as reached
-    points: int = 128  # at first; doubled until two resolutions agree, up to `most`
-    most: int = 512
-    order: int = 12  # of the differences
-    agreement: float = 1e-2  # by how much the ends of two resolutions may differ
-    tolerance: Tolerance = Tolerance(1e-8, 1e-10, 200_000)  # noqa: RUF009  frozen
+    duration: Duration = Duration()  # noqa: RUF009  frozen
+    resolution: Resolution = Resolution()  # noqa: RUF009  frozen
+    tolerance: Tolerance = Tolerance()  # noqa: RUF009  frozen
 
     def given(self, points: int) -> dict[str, Any]:
         """Parameters of `film_model` by name."""
@@ -131,7 +138,7 @@ def _rates(points: int, order: int) -> Rates:
 
 def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | None:
     """Steady film closest to `thickness` (points,) by Newton's method, None without one."""
-    order, rates = setting.order, _rates(points, setting.order)
+    order, rates = setting.resolution.order, _rates(points, setting.resolution.order)
     p = rates.parameters(setting.given(points))
     x, found = newton(rates, film_volume(thickness, order=order)[None], p)
     if not found[0]:
@@ -144,7 +151,7 @@ def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | Non
 
 def flow(setting: Setting, thickness: np.ndarray) -> np.ndarray:
     """Flow Q (points,) of a film of given thickness (points,)."""
-    points, order = len(thickness), setting.order
+    points, order = len(thickness), setting.resolution.order
     model, rates = film_model(points, order), _rates(points, order)
     at = ca.Function("flow", [pack(model.x), pack(model.p)], [model["flow"]])
     state = film_volume(thickness, order=order)
@@ -155,7 +162,7 @@ def follow(setting: Setting, points: int, report: Report = silent) -> Course:
     """Simulate a film on given points; raises SolveError if the allowed steps do not suffice."""
     time, h, steps, failed = _integrated(setting, points, report)
     broke = None
-    if h.min() < setting.rupture:
+    if h.min() < setting.duration.rupture:
         time, h, broke = _broken(setting, points, time, h)
     wave = None
     if setting.wave is not None:
@@ -171,7 +178,7 @@ def follow(setting: Setting, points: int, report: Report = silent) -> Course:
 
 
 def _outcome(setting: Setting, course: Course, failed: bool) -> Outcome:
-    near = setting.settled
+    near = setting.duration.settled
     if failed or course.tail > TAIL:
         return "unresolved"
     if course.broke is not None:
@@ -185,8 +192,8 @@ def _integrated(
     setting: Setting, points: int, report: Report
 ) -> tuple[np.ndarray, np.ndarray, int, bool]:
     """Times, thickness at these times, steps, and whether the integrator gave up."""
-    order, turn = setting.order, 2 * math.pi
-    kept = np.linspace(0.0, setting.periods * turn, setting.samples)
+    order, turn = setting.resolution.order, 2 * math.pi
+    kept = np.linspace(0.0, setting.duration.periods * turn, setting.duration.samples)
     state = film_volume(setting.start(grid(points)), order=order)
     times, states = [kept[:1]], [state[:, None]]
     steps, span, begin, failed = 0, _FIRST_SPAN, 0.0, False
@@ -202,7 +209,7 @@ def _integrated(
         states.append(found)
         if found.shape[1]:
             state = found[:, -1]
-            if film_thickness(found, order=order).min() < setting.rupture:
+            if film_thickness(found, order=order).min() < setting.duration.rupture:
                 break
         begin, span = end, _LONGER * span
     return np.concatenate(times), film_thickness(np.hstack(states), order=order), steps, failed
@@ -214,7 +221,7 @@ def _leg(
     failed = False
     try:
         motion = simulate(
-            film_model(points, setting.order),
+            film_model(points, setting.resolution.order),
             span,
             x0={"volume": state},
             p=setting.given(points),
@@ -224,7 +231,7 @@ def _leg(
         )
     except SolveError as error:
         if error.code not in _GIVEN_UP:
-            raise
+            raise SolveError(error.reason, error.suggestion, code=error.code) from None
         motion, failed = error.partial, True
     except Interrupted:
         raise KeyboardInterrupt from None  # a leg alone is nothing to keep
@@ -235,15 +242,15 @@ def _broken(
     setting: Setting, points: int, time: np.ndarray, h: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
     """End the motion at the rupture, whose time is located more closely."""
-    first = int(np.flatnonzero(h.min(axis=0) < setting.rupture)[0])
+    first = int(np.flatnonzero(h.min(axis=0) < setting.duration.rupture)[0])
     if first == 0:
         return time[:1], h[:, :1], (float(time[0]), float(grid(points)[int(np.argmin(h[:, 0]))]))
-    order = setting.order
+    order = setting.resolution.order
     state = film_volume(h[:, first - 1], order=order)
     span = (float(time[first - 1]), float(time[first]))
     close, found, _, _ = _leg(setting, points, state, span, np.linspace(*span, _CLOSER)[1:])
     near = film_thickness(found, order=order)
-    thin = np.flatnonzero(near.min(axis=0) < setting.rupture)
+    thin = np.flatnonzero(near.min(axis=0) < setting.duration.rupture)
     at, shape = (close[thin[0]], near[:, thin[0]]) if len(thin) else (time[first], h[:, first])
     time, h = np.append(time[:first], at), np.column_stack([h[:, :first], shape])
     return time, h, (float(at), float(grid(points)[int(np.argmin(shape))]))
@@ -271,15 +278,15 @@ def resolved(setting: Setting, report: Report = silent, *, once: bool = False) -
 
     `once`: a single resolution suffices where its harmonics have decayed.
     """
-    points = setting.points
+    points = setting.resolution.points
     found = Resolved(follow(setting, points, report), None, None)
-    while 2 * points <= setting.most:
+    while 2 * points <= setting.resolution.most:
         if once and found.course.outcome != "unresolved" and found.course.tail < _ENOUGH:
             break
         points *= 2
         finer = follow(setting, points, report)
         found = Resolved(finer, found.course, _difference(found.course, finer))
-        if found.difference is not None and found.difference <= setting.agreement:
+        if found.difference is not None and found.difference <= setting.resolution.agreement:
             break
     return found
 
@@ -291,6 +298,67 @@ def _difference(coarse: Course, fine: Course) -> float | None:
         last = fine.broke[0]  # the shapes are those of other times
         return abs(coarse.broke[0] - last) / max(last, 2 * math.pi)
     return float(np.abs(coarse.thickness[:, -1] - fine.thickness[::2, -1]).max())
+
+
+# -- steady films along the amplitude --------------------------------------------------------------
+
+
+def steady_branches(
+    course: Course,
+    tension: float,
+    span: tuple[float, float],
+    *,
+    points: int,
+    order: int,
+    report: Report,
+) -> list[Branch]:
+    """Continue the prescribed wave, and the steady film at the end of a motion, in the amplitude.
+
+    `course`: in a cosine wave's field; `tension`: W; `span`: of amplitudes; `order`: of the
+    differences on the given number of `points`. The branch of the end is left out if it is the
+    same.
+    """
+    assert course.wave is not None
+    delta, xi = ca.SX.sym("delta"), ca.DM(grid(points))
+    wave, h = CosineWave(delta), course.wave.thickness
+    slope = field_slope(wave.height(xi), wave.height(xi, 3), wave.constant, tension)
+    own = float(2 * np.mean(h * np.cos(grid(len(h)))))
+    model = thin_film(slope, tension, order=order, p=[Signal("delta", delta, value=own)])
+    rates = rates_of(model)
+    p, starts, branches = rates.parameters(None), [h], []
+    if course.end is not None and np.abs(course.end.thickness - h).max() > _SAME:
+        starts.append(course.end.thickness)
+    for k, thickness in enumerate(starts):
+        report("continuing steady films", k / len(starts))
+        guess = film_volume(resampled(thickness, points), order=order)
+        x, found = newton(rates, guess[None], p)
+        if found[0]:
+            start = rates.steady(x[0], p)
+            branches.append(continue_branch(start, "delta", span, max_points=_MOST))
+    return branches
+
+
+# -- where flat films go ---------------------------------------------------------------------------
+
+
+def basins(
+    setting: Setting, delta: Sequence[float], tension: Sequence[float], report: Report
+) -> list[list[Course | None]]:
+    """Simulate a flat film in the field of every cosine wave, by amplitude, then tension.
+
+    None where the allowed steps did not suffice.
+    """
+    courses: list[list[Course | None]] = [[] for _ in delta]
+    for k, (i, j) in enumerate(np.ndindex(len(delta), len(tension))):
+        report(f"map: delta = {delta[i]:g}, W = {tension[j]:g}", k / (len(delta) * len(tension)))
+        wave, W = CosineWave(delta[i]), tension[j]
+        slope, flat = WaveField(wave, W).slope, np.ones_like
+        own = replace(setting, slope=slope, tension=W, start=flat, wave=wave.height)
+        try:
+            courses[i].append(resolved(own, once=True).course)
+        except SolveError:
+            courses[i].append(None)
+    return courses
 
 
 # -- under the field of a row of coils -------------------------------------------------------------
@@ -327,12 +395,12 @@ class CarriedFilm:
     (0.0, 0.0)
     """
 
-    xi: np.ndarray  # (points,) phases
-    thickness: np.ndarray  # (points,) over the mean
-    distance: float  # largest difference of thickness from the wave wanted
-    mean_flow: float  # 1 + C
-    growth: float  # largest growth rate of a small deviation
-    residual: float  # of Newton's method
+    xi: np.ndarray
+    thickness: np.ndarray
+    distance: float
+    mean_flow: float
+    growth: float
+    residual: float
 
 
 def carried_film(wave: CosineWave, pressure: np.ndarray, tension: float) -> CarriedFilm | None:

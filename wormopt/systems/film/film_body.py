@@ -32,7 +32,6 @@ with on_use():
     import numpy as np
     from scipy.optimize import minimize_scalar
 
-    from wormopt.simulation.options import Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body, mean_velocity
@@ -44,7 +43,6 @@ with on_use():
         cross_check,
         warnings_of_motion,
     )
-    from wormopt.systems.shared.settings import tolerance_of
 
 # Keys that apply to one type of body, or to one system of units, only.
 _GROUND = ("friction_forward", "friction_backward", "friction_coefficient")
@@ -152,7 +150,7 @@ class FilmBody(Study, kind="film-body"):
     thousand tolerances. A second route must end at the same state.
     """
 
-    pictures: ClassVar = {"carried": "wormopt.systems.film.plots.body:carried"}
+    pictures: ClassVar = {"carried": "wormopt.systems.film.pictures:carried"}
     headline: ClassVar = ("drift", "drift_massless", "held", "settled", "speed_max")
 
     want: tuple[Literal["carried"], ...] = entry(
@@ -160,7 +158,7 @@ class FilmBody(Study, kind="film-body"):
     )
     film: Film = entry("film and wave")
     body: Body = entry("the body")
-    course: Ride = entry("duration of the simulation", default=Ride)
+    time: Ride = entry("duration of the simulation", default=Ride)
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
@@ -186,7 +184,7 @@ class FilmBody(Study, kind="film-body"):
     @property
     def periods(self) -> float:
         """Number of wave periods simulated."""
-        return self.course.periods or _PERIODS
+        return self.time.periods or _PERIODS
 
     @property
     def bulk(self) -> float:
@@ -195,14 +193,14 @@ class FilmBody(Study, kind="film-body"):
 
     @scalar("1", "mass per area times *ω d*/*η*")
     def mass(self) -> float:
-        fluid = self.film.scales
+        fluid = self.film.fluid
         if fluid is None:
             return self.body.mass or 0.0
         return self.bulk * fluid.frequency * fluid.depth / fluid.viscosity
 
     @scalar("1", "weight per area times (*k d*)²/(*η ω*)", when="floats")
     def weight(self) -> float:
-        fluid = self.film.scales
+        fluid = self.film.fluid
         if fluid is None:
             return self.body.weight or 0.0
         return self.bulk * GRAVITY * fluid.eps / self.film.stress_unit
@@ -210,7 +208,7 @@ class FilmBody(Study, kind="film-body"):
     @cached_property
     def frictions(self) -> tuple[float, float]:
         """Friction against motion with the wave, and opposite to it."""
-        body, fluid = self.body, self.film.scales
+        body, fluid = self.body, self.film.fluid
         if fluid is None:
             forward = body.friction_forward or 0.0
             backward = forward if body.friction_backward is None else body.friction_backward
@@ -241,8 +239,8 @@ class FilmBody(Study, kind="film-body"):
         if swings <= _MOST_SWINGS:
             return
         share = 0.95 * _MOST_SWINGS / swings  # values in the message have two digits
-        fewer = f"write course.periods = {share * self.periods:.2g} at most"
-        key, given = ("course.periods", self.periods)
+        fewer = f"write time.periods = {share * self.periods:.2g} at most"
+        key, given = ("time.periods", self.periods)
         if self.units != "SI":  # in SI scenes mass and weight increase together
             key, given = "body.weight", self.weight
             fewer = f"write {share**2 * given:.2g} at most, or {fewer.removeprefix('write ')}"
@@ -260,11 +258,6 @@ class FilmBody(Study, kind="film-body"):
     # -- the motion --------------------------------------------------------------------------------
 
     @cached_property
-    def exactness(self) -> Tolerance:
-        """Tolerance of the simulation."""
-        return tolerance_of(self.tolerance)
-
-    @cached_property
     def model(self) -> Any:
         """Model of the body in the wave."""
         forward, backward = self.frictions
@@ -276,15 +269,20 @@ class FilmBody(Study, kind="film-body"):
     @stage
     def motion(self) -> Trajectory:
         end = _TURN * self.periods
-        times = np.linspace(0.0, end, self.course.samples)
+        times = np.linspace(0.0, end, self.time.samples)
         return simulate(
-            self.model, end, times=times, dense=True, tolerance=self.exactness, report=self.report
+            self.model,
+            end,
+            times=times,
+            dense=True,
+            tolerance=self.tolerance.options,
+            report=self.report,
         )
 
     @stage
     def second_route(self) -> CrossCheck | None:
         return cross_check(
-            self.model, self.motion, self.exactness, recheck=self.tolerance.recheck,
+            self.model, self.motion, self.tolerance.options, recheck=self.tolerance.recheck,
             report=self.report,
         )  # fmt: skip
 
@@ -311,8 +309,8 @@ class FilmBody(Study, kind="film-body"):
         turn = self.turns[-1] if len(self.turns) else min(_TURN, end)
         return self.motion.at(np.linspace(end - turn, end, _SAMPLES))["velocity"][0]
 
-    @array("time", "time", "time")
-    def time(self) -> np.ndarray:
+    @array("time", "time", "time", name="time")
+    def instants(self) -> np.ndarray:
         return self.motion.time * self.film.time_unit
 
     @array("length", "time", "position of the middle of the body")
@@ -455,13 +453,13 @@ class FilmBody(Study, kind="film-body"):
                 f"the {name} of the body differs by {error:.2g} from the integral of the "
                 "forces; lower the tolerance"
             )
-            yield Check(name, error, accepted_error(self.exactness), advice)
+            yield Check(name, error, accepted_error(self.tolerance.options), advice)
 
     @facts
     def route(self) -> dict[str, Any]:
-        exactness, second = self.exactness, self.second_route
+        asked, second = self.tolerance, self.second_route
         return {
-            "tolerance": {"relative": exactness.relative, "absolute": exactness.absolute},
+            "tolerance": {"relative": asked.relative, "absolute": asked.absolute},
             "route": self.motion.route,
             "recheck": second and second.facts,
         }
@@ -471,12 +469,12 @@ class FilmBody(Study, kind="film-body"):
         yield "the body is assumed not to change the wave"
         if self.drift is None:
             yield (
-                "fewer than two troughs passed, so the drift is unknown; write more course.periods"
+                "fewer than two troughs passed, so the drift is unknown; write more time.periods"
             )
         elif self.settled is not None and self.settled > _SETTLED:
             yield (
                 f"the last two turns differ by {self.settled:.2g}: the motion still depends on its "
-                "start; write more course.periods"
+                "start; write more time.periods"
             )
         if self.floats_in_si and self.draught > _DRAUGHT:
             yield left_out(
@@ -485,5 +483,5 @@ class FilmBody(Study, kind="film-body"):
                 "heavy float dents the surface",
             )
         yield from warnings_of_motion(self.motion, self.second_route)
-        yield from self.film.scales.warnings() if self.film.scales else ()
+        yield from self.film.fluid.warnings() if self.film.fluid else ()
         yield from reach_warnings(self.carried.wave, self.film.thinness)

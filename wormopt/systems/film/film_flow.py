@@ -153,7 +153,7 @@ class FilmFlow(Study, kind="film-flow"):
     0.1 give a warning.
     """
 
-    pictures: ClassVar = {"film": "wormopt.systems.film.plots.film:film"}
+    pictures: ClassVar = {"film": "wormopt.systems.film.pictures:film"}
     headline: ClassVar = (
         "c_constant", "mean_flow", "mean_flow_corrected", "mean_flow_bar", "mean_flow_per_eps2",
     )  # fmt: skip
@@ -194,8 +194,8 @@ class FilmFlow(Study, kind="film-flow"):
     @property
     def fluid(self) -> Fluid:
         """Fluid and scales, in SI scenes."""
-        assert self.film.scales
-        return self.film.scales
+        assert self.film.fluid
+        return self.film.fluid
 
     # -- results -----------------------------------------------------------------------------------
 
@@ -266,7 +266,7 @@ class FilmFlow(Study, kind="film-flow"):
 
     @parts(OverPhase)
     def over_phase(self) -> OverPhase:
-        wave, fluid = self.wave, self.film.scales
+        wave, fluid = self.wave, self.film.fluid
         xi = np.linspace(0.0, 2 * np.pi, self.samples)
         h, squared = wave.height(xi), wave.least_field(xi, self.film.tension_number)
         return OverPhase(
@@ -281,7 +281,7 @@ class FilmFlow(Study, kind="film-flow"):
     @parts(OverAmplitude)
     def over_amplitude(self) -> OverAmplitude:
         (least, largest), tension = self.curves.range, self.film.tension_number
-        delta, fluid = np.linspace(least, largest, self.curves.points), self.film.scales
+        delta, fluid = np.linspace(least, largest, self.curves.points), self.film.fluid
         waves = [CosineWave(each) for each in delta]
         peaks = np.array([wave.peak(tension).value for wave in waves])
         xi = np.linspace(0.0, 2 * np.pi, self.samples)

@@ -38,9 +38,7 @@ from wormopt.systems.film.next_order import (
     within_reach,
 )
 from wormopt.systems.film.shapes import Wave, grid
-
-CAPTURE_DELTA = math.sqrt(13) - 3
-"""Least amplitude at which a cosine wave holds a small float: root of delta² + 6 delta = 4."""
+from wormopt.systems.film.tables import CAPTURE_DELTA
 
 # Sums over a period are refined until they agree to this share.
 _AGREED, _LEAST, _MOST = 1e-14, 256, 1 << 20

@@ -34,7 +34,6 @@ from wormopt.systems.film.tables import MOST_PERIODS, Film, Length, Ride
 with on_use():
     import numpy as np
 
-    from wormopt.simulation.options import Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.film.body import mean_velocity
@@ -57,7 +56,6 @@ with on_use():
         one_or_all,
         warnings_of_motion,
     )
-    from wormopt.systems.shared.settings import tolerance_of
 
 _TURN = 2 * math.pi
 # Least number of times the wave overtakes a body, and least number of simulated periods.
@@ -235,8 +233,8 @@ class Float(Study, kind="float"):
     """
 
     pictures: ClassVar = {
-        "ride": "wormopt.systems.film.plots.film:ride",
-        "floats": "wormopt.systems.film.plots.body:floats",
+        "ride": "wormopt.systems.film.pictures:ride",
+        "floats": "wormopt.systems.film.pictures:floats",
     }
     headline: ClassVar = (
         "float_drift", "float_drift_closed", "float_drift_error", "float_drift_corrected",
@@ -251,7 +249,7 @@ class Float(Study, kind="float"):
     film: Film = entry("film and wave, without `tension`")
     floats: Floats = entry("bodies on the surface", default=Floats)
     tracers: Tracers | None = entry("tracers in the fluid", default=None)
-    course: Ride = entry("duration of the simulation", default=Ride)
+    time: Ride = entry("duration of the simulation", default=Ride)
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
@@ -305,29 +303,31 @@ class Float(Study, kind="float"):
     # -- simulation --------------------------------------------------------------------------------
 
     @cached_property
-    def exactness(self) -> Tolerance:
-        """Tolerance of the simulation."""
-        return tolerance_of(self.tolerance)
-
-    @cached_property
     def end(self) -> float:
         """End of the simulation: the wave overtakes every body that is not held several times."""
         drifts = [drift for several in self.drifts for drift in several]
         turns = [drift.turn / _TURN for drift in drifts if not drift.captured]
         enough = max([_LEAST, *(_OVERTAKEN * turn for turn in turns)])
-        return _TURN * (self.course.periods or min(enough, MOST_PERIODS))
+        return _TURN * (self.time.periods or min(enough, MOST_PERIODS))
 
     def moved(self, model: Any) -> Trajectory:
         """Simulate a model."""
-        times = np.linspace(0.0, self.end, self.course.samples)
+        times = np.linspace(0.0, self.end, self.time.samples)
         return simulate(
-            model, self.end, times=times, dense=True, tolerance=self.exactness, report=self.report
+            model,
+            self.end,
+            times=times,
+            dense=True,
+            tolerance=self.tolerance.options,
+            report=self.report,
         )
 
     def again(self, model: Any, motion: Trajectory) -> CrossCheck | None:
         """Simulate a model by a second route."""
         recheck = self.tolerance.recheck
-        return cross_check(model, motion, self.exactness, recheck=recheck, report=self.report)
+        return cross_check(
+            model, motion, self.tolerance.options, recheck=recheck, report=self.report
+        )
 
     @cached_property
     def model_of_floats(self) -> Any:
@@ -460,8 +460,8 @@ class Float(Study, kind="float"):
     def wavelength(self) -> float:
         return self.film.fluid.wavelength if self.film.fluid else 1.0
 
-    @array("time", "time", "time")
-    def time(self) -> np.ndarray:
+    @array("time", "time", "time", name="time")
+    def instants(self) -> np.ndarray:
         return self.motion_of_floats.time * self.film.time_unit
 
     @array("length", "body time", "middles of the floats")
@@ -502,7 +502,7 @@ class Float(Study, kind="float"):
     @property
     def accepted(self) -> float:
         """Accepted errors of drifts, streamlines and heights."""
-        return accepted_error(self.exactness)
+        return accepted_error(self.tolerance.options)
 
     @property
     def accepted_phase(self) -> float:
@@ -534,8 +534,8 @@ class Float(Study, kind="float"):
         rides = self.rides
         found = {
             "tolerance": {
-                "relative": self.exactness.relative,
-                "absolute": self.exactness.absolute,
+                "relative": self.tolerance.relative,
+                "absolute": self.tolerance.absolute,
             },
             "route": one_or_all([ride.motion.route for ride in rides]),
             "recheck": one_or_all([ride.cross_check and ride.cross_check.facts for ride in rides]),
@@ -559,7 +559,7 @@ class Float(Study, kind="float"):
 
     @warnings
     def of_theory(self) -> Iterator[str]:
-        yield from self.film.scales.warnings() if self.film.scales else ()
+        yield from self.film.fluid.warnings() if self.film.fluid else ()
         yield from reach_warnings(self.wave, self.film.thinness)
 
 
@@ -569,8 +569,8 @@ def _of_ride(ride: Ridden) -> Iterator[str]:
         if found is None:
             yield (
                 f"the wave overtakes {ride.what} {i} fewer than two times, so the simulated "
-                f"drift is unknown; write course.periods = {2.5 * drift.turn / _TURN:.4g} or "
+                f"drift is unknown; write time.periods = {2.5 * drift.turn / _TURN:.4g} or "
                 "more"
             )
         elif drift.captured and ride.what == "float" and (off is None or abs(found - 1) > 1e-6):
-            yield f"{ride.what} {i} has not come to rest on the wave; write more course.periods"
+            yield f"{ride.what} {i} has not come to rest on the wave; write more time.periods"

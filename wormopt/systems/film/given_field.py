@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from math import factorial
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -26,8 +27,11 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Output, Signal
 from wormopt.model.values import numbers
+from wormopt.result import Result
 from wormopt.systems.film.lubrication import field_slope, symbolic
 from wormopt.systems.film.shapes import Wave, grid
+from wormopt.tables import Wrong, read_table
+from wormopt.units import parsed, scale
 
 ORDERS = tuple(range(4, 15, 2))
 _MEAN = 1e-6
@@ -36,6 +40,8 @@ _MEAN = 1e-6
 _JUMP = 3.0
 # Slopes of a field must sum to 0 within this share of their size.
 _CLOSED = 1e-8
+# Units of values in files of SI scenes; a pressure is in multiples of P.
+_UNITS = {"pressure": "1", "field_squared": "A2 m-2", "field": "A m-1"}
 
 
 def thin_film(
@@ -264,3 +270,66 @@ class GivenField:
         kept = min((len(self.samples) - 1) // 2, (points - 1) // 2)
         whole = float(np.linalg.norm(size))
         return float(np.linalg.norm(size[kept:])) / whole if whole else 0.0
+
+
+# -- fields in files -------------------------------------------------------------------------------
+
+
+def read_field(path: Path, variable: str | None, quantity: str, units: str) -> np.ndarray:
+    """Read samples (m,) of a field from a table, or a variable of an earlier result.
+
+    `quantity` is "pressure", "field_squared" or "field"; `units` those of the scene. Raises
+    ArgumentError if the file contains no field.
+    """
+    if variable is None:
+        return _read_table(path, quantity, units)
+    values = Result.load(path)[variable].values
+    if values.ndim != 1:
+        raise ArgumentError(
+            f"{variable} has {values.ndim} axes, but a field depends on xi only; write a variable "
+            "with one axis"
+        )
+    return np.asarray(values, dtype=float)
+
+
+def _read_table(path: Path, quantity: str, units: str) -> np.ndarray:
+    """Last column of a table; the first of two columns is the phase."""
+    wrong: list[Wrong] = []
+    table = read_table(path, wrong, named=False)
+    if wrong or table is None:
+        raise ArgumentError(f"{path.name}{wrong[0][1]}")
+    if table.texts:
+        named = ", ".join(sorted(table.texts))
+        raise ArgumentError(f"{path.name}: column {named} contains text; write numbers only")
+    columns = [np.array(column) for column in table.values.values()]
+    if not 1 <= len(columns) <= 2:
+        raise ArgumentError(
+            f"{path.name} must have one column of values, or two columns xi and values"
+        )
+    for name, column in zip(table.values, columns, strict=True):
+        if not np.isfinite(column).all():
+            line = table.lines[int(np.flatnonzero(~np.isfinite(column))[0])]
+            raise ArgumentError(f"{path.name} line {line}, column {name}: a number is missing")
+    if len(columns) == 2:
+        wanted = grid(len(columns[0]))
+        if np.abs(columns[0] - wanted).max() > 1e-6 * 2 * np.pi:
+            raise ArgumentError(
+                f"the phases in {path.name} must be 2 pi k / {len(columns[0])} for k = 0, 1, ...: "
+                "one wavelength without its end"
+            )
+    name = list(table.values)[-1]
+    return columns[-1] * _size(table.units.get(name, "1"), quantity, units, path.name)
+
+
+def _size(unit: str, quantity: str, units: str, file: str) -> float:
+    """Factor of values in a unit."""
+    if unit == "1":
+        return 1.0
+    wanted = _UNITS[quantity] if units == "SI" else "1"
+    try:
+        (size, dimension), (one, needed) = scale(unit), parsed(wanted)
+    except ValueError as error:
+        raise ArgumentError(f'{file}: "{unit}" {error}; write {wanted}') from None
+    if dimension != needed:
+        raise ArgumentError(f'{file}: "{unit}" is not a unit of {quantity} here; write {wanted}')
+    return float(size / one)

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-
-import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.magnetics.material import check_number
-from wormopt.magnetics.pressure import OERSTED, field_of
-from wormopt.model.values import numbers
 from wormopt.quantities import GRAVITY
 from wormopt.result import left_out
+from wormopt.study import Given, number, on_use, positive
+
+with on_use():
+    import numpy as np
+
+    from wormopt.magnetics import pressure as magnetic
+    from wormopt.model.values import numbers
 
 # Quantities that must be small give a warning above this value.
 _SMALL = 0.1
 
 
-@dataclass(frozen=True)
-class Fluid:
+class Fluid(Given):
     """Fluid, film and travelling wave in SI units, and their scales.
 
     Source: eq. 25 of Zimmermann et al. 2007.
@@ -49,28 +49,23 @@ class Fluid:
 
     Examples
     --------
-    >>> oil = Fluid(1.05, 0.01, 1100.0, 0.03, 1e-4, 0.01, 10.0)
+    >>> oil = Fluid(
+    ...     mu_r=1.05, viscosity=0.01, density=1100.0, surface_tension=0.03,
+    ...     depth="0.1 mm", wavelength="10 mm", frequency=10.0,
+    ... )
     >>> round(oil.eps, 6), round(oil.tension, 6), round(oil.pressure, 3)
     (0.062832, 0.046756, 25.33)
     >>> oil.field([0.0, 1.86339]).round(3).tolist()
     [0.0, 38761.188]
     """
 
-    mu_r: float
-    viscosity: float
-    density: float
-    surface_tension: float
-    depth: float
-    wavelength: float
-    frequency: float
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if each.name == "surface_tension" and value == 0:
-                continue
-            least = 1.0 if each.name == "mu_r" else 0.0
-            object.__setattr__(self, each.name, check_number(each.name, value, above=least))
+    mu_r: float = number("1", "relative permeability", above=1)
+    viscosity: float = positive("viscosity", "dynamic viscosity")
+    density: float = positive("density", "density of the fluid")
+    surface_tension: float = number("surface_tension", "surface tension; 0: none", least=0)
+    depth: float = positive("length", "mean thickness of the film")
+    wavelength: float = positive("length", "wavelength of the wave")
+    frequency: float = positive("angular_frequency", "frequency of the wave")
 
     @property
     def wave_number(self) -> float:
@@ -130,7 +125,7 @@ class Fluid:
             raise ArgumentError(
                 "pressure is below 0, which no field has; write H0² of at least D_max"
             )
-        return np.asarray(field_of(self.mu_r, given * self.pressure))
+        return np.asarray(magnetic.field_of(self.mu_r, given * self.pressure))
 
     def gaussian_field(self, pressure: object) -> np.ndarray:
         """Field H of a magnetic pressure, in oersted.
@@ -145,7 +140,7 @@ class Fluid:
         ndarray
             Field in Oe, same shape.
         """
-        return self.field(pressure) / OERSTED
+        return self.field(pressure) / magnetic.OERSTED
 
     def warnings(self) -> Iterator[str]:
         """Yield a warning for each parameter that is not as small as the theory assumes.
@@ -159,10 +154,12 @@ class Fluid:
 
         Examples
         --------
-        >>> list(Fluid(1.05, 0.01, 1100.0, 0.03, 1e-4, 0.01, 10.0).warnings())
-        []
-        >>> len(list(Fluid(2.0, 0.001, 1100.0, 0.03, 1e-3, 0.01, 10.0).warnings()))
-        4
+        >>> oil = Fluid(
+        ...     mu_r=1.05, viscosity=0.01, density=1100.0, surface_tension=0.03,
+        ...     depth=1e-4, wavelength=0.01, frequency=10.0,
+        ... )
+        >>> list(oil.warnings()), len(list(oil.vary(mu_r=2.0, depth=1e-3).warnings()))
+        ([], 4)
         """
         inertia = self.eps * self.reynolds
         for value, name, what in (

@@ -41,7 +41,6 @@ with on_use():
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.pair.exact import magnetic_pair, scaled_law
     from wormopt.systems.shared.proof import CrossCheck, cross_check
-    from wormopt.systems.shared.settings import tolerance_of
 
 # Distance of the average of first order from its steady state from which it has not converged.
 _CONVERGED = 1e-9
@@ -89,7 +88,7 @@ class Steady:
 class ExactMotion:
     """The exact motion over time, and in the last periods."""
 
-    time: np.ndarray = signal("time", "time", "time")
+    instants: np.ndarray = signal("time", "time", "time", name="time")
     velocity: np.ndarray = signal("speed", "time", "exact velocity of the centre")
     velocity_period: np.ndarray = signal("speed", "time", "exact mean over a period of the field")
     late_time: np.ndarray = signal("time", "late", "time in the last periods")
@@ -132,7 +131,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
     detuning: float = number(
         "1", "detuning *Δ*: the field's frequency is √2 + *εΔ* natural frequencies √(*c*/*m*)"
     )
-    course: Course = entry("the motion", default=Course)
+    time: Course = entry("the motion", default=Course)
     stated_velocity: float | None = number(
         "speed", "a published velocity for comparison", default=None
     )
@@ -142,12 +141,12 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
         yield from self.pair.faults_in(self.units)
         if self.nu <= 0.1:
             yield "detuning", "gives no positive frequency; write a number closer to 0"
-        elif self.course.end is not None:
-            least = 2 * self.course.periods * self.turn * self.pair.time_unit
-            if self.course.end < least:
+        elif self.time.end is not None:
+            least = 2 * self.time.periods * self.turn * self.pair.time_unit
+            if self.time.end < least:
                 yield (
-                    "course.end",
-                    f"is shorter than twice course.periods; write at least {least:.5g}, or fewer "
+                    "time.end",
+                    f"is shorter than twice time.periods; write at least {least:.5g}, or fewer "
                     "periods",
                 )
 
@@ -191,23 +190,23 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
     @cached_property
     def duration(self) -> float:
         """Duration of the motion."""
-        if self.course.end is not None:
-            return self.course.end / self.pair.time_unit
+        if self.time.end is not None:
+            return self.time.end / self.pair.time_unit
         states = self.steady_states
         slowest = max(s.eigenvalues[0].real for s in states if s.stable or len(states) == 1)
-        least = 2 * self.course.periods * self.turn
+        least = 2 * self.time.periods * self.turn
         converged = max(60 / self.eps, _FADED / max(-slowest, 1e-300), least)
         return min(converged, _LONGEST / self.eps)
 
     @cached_property
     def settings(self) -> dict[str, Any]:
         """What all simulations have in common."""
-        return {"p": {"frequency": self.nu}, "tolerance": tolerance_of(self.tolerance)}
+        return {"p": {"frequency": self.nu}, "tolerance": self.tolerance.options}
 
     @property
     def times(self) -> np.ndarray:
         """Times at which motions are kept."""
-        return np.linspace(0.0, self.duration, self.course.samples)
+        return np.linspace(0.0, self.duration, self.time.samples)
 
     @stage
     def first_average(self) -> Trajectory:
@@ -263,7 +262,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
     @cached_property
     def means(self) -> tuple[float, float]:
         """Mean exact velocities in the last whole periods, and in as many before, these first."""
-        length = self.course.periods * self.turn
+        length = self.time.periods * self.turn
         marks = self.duration - length * np.array([2, 1, 0])
         before, last = np.diff(self.exact_motion.at(marks)["center"][0]) / length
         return float(before), float(last)
@@ -293,7 +292,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
         late = t[-1] - np.linspace(_LATE * self.turn, 0.0, _LATE_SAMPLES)
         late_velocity = motion.at(np.clip(late, 0.0, t[-1]))["center_velocity"][0]
         return ExactMotion(
-            time=t * self.pair.time_unit,
+            instants=t * self.pair.time_unit,
             velocity=motion["center_velocity"][0] * speed,
             velocity_period=period * speed,
             late_time=late * self.pair.time_unit,
@@ -310,7 +309,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
         if self.second_average is None:
             return None
         found = self.second_average["center_velocity"][0] * self.pair.speed_unit
-        return np.concatenate([np.full(self.course.samples - len(found), np.nan), found])
+        return np.concatenate([np.full(self.time.samples - len(found), np.nan), found])
 
     @scalar("angular_frequency", "frequency of the field")
     def frequency(self) -> float:
@@ -434,12 +433,12 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
         if abs(last - before) > _DRIFT * max(abs(last), abs(before)):
             yield (
                 f"the exact motion has not converged: its mean velocity changed from {before:.7g} "
-                f"to {last:.7g}; write a later course.end"
+                f"to {last:.7g}; write a later time.end"
             )
         if self.settled > _CONVERGED:
             yield (
                 f"the averaged motion ends {self.settled:.2g} away from the steady state; write a "
-                "later course.end"
+                "later time.end"
             )
         if self.late_rests:
             yield (

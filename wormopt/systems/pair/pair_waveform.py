@@ -25,7 +25,7 @@ from wormopt.study import (
     on_use,
     parts,
     positive,
-    scalars,
+    scalar,
     signal,
     stage,
     value,
@@ -37,7 +37,8 @@ from wormopt.study.numerics import MeshTable
 from wormopt.study.types import NonNegative, PositiveOrPair, Seed, per, wrong_order
 from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
 from wormopt.systems.pair.tables import NATURAL
-from wormopt.systems.shared.declared import INSTANT, OPTIMUM
+from wormopt.systems.shared.declared import INSTANT
+from wormopt.systems.shared.optimal_motion import OptimumNumbers, optimum_numbers
 
 with on_use():
     import numpy as np
@@ -73,7 +74,6 @@ with on_use():
     from wormopt.systems.shared.optimum import (
         cross_check,
         optimum_facts,
-        optimum_scalars,
         replay_check,
         sample_motion,
         warnings_of_optimum,
@@ -310,7 +310,7 @@ class PairWaveform(Study, kind="pair-waveform"):
     )
     pair: DrivenPair = entry("the pair")
     limits: Limits = entry("limits of the field")
-    aim: Aim = entry("objective of the waveform")
+    objective: Aim = entry("objective of the waveform")
     mesh: Annotated[MeshTable, says("", "mesh in time; default: 100 arcs")] = field(
         default_factory=lambda: MeshTable(arcs=100)
     )
@@ -326,7 +326,7 @@ class PairWaveform(Study, kind="pair-waveform"):
     @cached_property
     def goal(self) -> FieldAim:
         """Objective of the waveform."""
-        return FieldAim(self.aim.maximise, self.aim.speed)
+        return FieldAim(self.objective.maximise, self.objective.speed)
 
     @cached_property
     def free(self) -> Model:
@@ -384,13 +384,20 @@ class PairWaveform(Study, kind="pair-waveform"):
 
     # -- results -----------------------------------------------------------------------------------
 
-    @scalars(OPTIMUM)
-    def of_optimum(self) -> dict[str, Any]:
-        found = optimum_scalars(self.solves, self.second_route)
-        if self.aim.minimise:
-            unit = unit_of("energy_per_distance", self.units)
-            found["objective"] = Scalar(found["objective"], unit)
-        return found
+    @parts(OptimumNumbers)
+    def numbers(self) -> OptimumNumbers:
+        return optimum_numbers(self.solves)
+
+    @scalar(
+        "speed", "value that was minimised; a speed is maximised as its negative", name="objective"
+    )
+    def minimised(self) -> Scalar:
+        quantity = "energy_per_distance" if self.objective.minimise else "speed"
+        return Scalar(self.numbers.minimised, unit_of(quantity, self.units))
+
+    @scalar("share", "largest difference at the end from a simulation with the optimal inputs")
+    def recheck_error(self) -> float | None:
+        return self.second_route.error
 
     @parts(InHarmonicField)
     def harmonic(self) -> InHarmonicField:
@@ -428,7 +435,7 @@ class PairWaveform(Study, kind="pair-waveform"):
             work_per_distance=orbit.work_per_distance,
             drift=orbit.drift,
             push_left=proof.left,
-            gain=_gain(proof, self.harmonic_field, fastest=self.aim.maximise is not None),
+            gain=_gain(proof, self.harmonic_field, fastest=self.objective.maximise is not None),
         )
 
     @arrays(SIGNALS)
@@ -499,18 +506,18 @@ class PairWaveform(Study, kind="pair-waveform"):
                 "beyond limits.strain; so there is no harmonic field about it, and gain is unknown"
             )
             return
-        if self.aim.maximise and not proof.speed > orbit.speed:
+        if self.objective.maximise and not proof.speed > orbit.speed:
             yield (
                 "in the simulation the waveform is not faster than the harmonic field: "
                 f"{proof.speed:.6g} against {orbit.speed:.6g}; write search.starts to try more"
             )
-        if self.aim.minimise and not harmonic.reached:
+        if self.objective.minimise and not harmonic.reached:
             yield (
-                "no harmonic field within the limits reaches aim.speed; the best has "
+                "no harmonic field within the limits reaches objective.speed; the best has "
                 f"{orbit.speed:.6g}, and gain is unknown"
             )
         spent, least = orbit.work_per_distance, proof.orbit.work_per_distance
-        if self.aim.minimise and harmonic.reached and spent and least and not least < spent:
+        if self.objective.minimise and harmonic.reached and spent and least and not least < spent:
             yield (
                 "in the simulation the waveform does not need less work than the harmonic field: "
                 f"{least:.6g} against {spent:.6g}; write search.starts to try more"

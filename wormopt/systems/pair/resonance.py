@@ -39,7 +39,6 @@ with on_use():
     from wormopt.analysis.steady import rates_of
     from wormopt.magnetics.material import SMALL_STRAIN
     from wormopt.systems.pair.steady import Exact, Points, branches_of, confirm, points_of
-    from wormopt.systems.shared.settings import tolerance_of
 
 FinitePair = Annotated[
     tuple[Finite, ...],
@@ -159,7 +158,7 @@ class Resonance(PairStudy, kind="resonance"):
             return None
         return confirm(
             self.dimensionless, self.steady_points, self.confirm.time, self.confirm.periods,
-            tolerance_of(self.tolerance), self.report,
+            self.tolerance.options, self.report,
         )  # fmt: skip
 
     # -- results -----------------------------------------------------------------------------------

@@ -72,7 +72,7 @@ def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem
     speed = advance / ends.duration
     at_ends = [Constraint("start", ends.start[0], 0.0, 0.0, plant.x[0].nominal)]
     if aim.speed is not None:
-        at_ends.append(Constraint("aim.speed", speed, aim.speed, nominal=plant.x[1].nominal))
+        at_ends.append(Constraint("objective.speed", speed, aim.speed, nominal=plant.x[1].nominal))
     along = []
     if limits.strain is not None:
         stretch, most = plant["stretch"], limits.strain

@@ -189,17 +189,17 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
         default=(),
     )
     worm: Worm = entry("the worm")
-    tube: Tube = entry("the tube")
+    pipe: Tube = entry("the tube")
     limits: Limits = entry("limits of the gait")
     search: OrderSearch = entry("options of the search", default=OrderSearch)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
-        worm, room = self.worm, self.tube.radius - self.worm.radius
+        worm, room = self.worm, self.pipe.radius - self.worm.radius
         if room <= 0:
             yield (
-                "tube.radius",
-                f"{self.tube.radius:g} leaves no room for a worm of radius {worm.radius:g}; "
+                "pipe.radius",
+                f"{self.pipe.radius:g} leaves no room for a worm of radius {worm.radius:g}; "
                 "write more than that",
             )
         elif self.limits.clearance > room * (1 + _EQUAL):
@@ -220,7 +220,7 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
 
     @scalar("force", "friction limit of an anchored segment, *μ N*_w")
     def hold(self) -> float:
-        return self.tube.friction * self.tube.wall_force
+        return self.pipe.friction * self.pipe.wall_force
 
     @scalar("count", "least number *k* of anchored segments at any time")
     def anchors(self) -> int:
@@ -228,9 +228,9 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
         try:
             needed = anchors_needed(worm.segments, self.hold, worm.drag, worm.load, reserve)
         except ArgumentError as error:
-            least = reserve * (worm.load + 2 * worm.drag) / (worm.segments - 2) / self.tube.friction
+            least = reserve * (worm.load + 2 * worm.drag) / (worm.segments - 2) / self.pipe.friction
             message = f"{error}; write at least {least * (1 + 1e-5):.6g}"  # never rounded down
-            raise SceneError(self.name, [("tube.wall_force", message)]) from None
+            raise SceneError(self.name, [("pipe.wall_force", message)]) from None
         if given and given < needed:
             message = f"{given} do not hold; write at least {needed}, or leave it out"
             raise SceneError(self.name, [("limits.anchors", message)])
@@ -238,7 +238,7 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
 
     @scalar("length", "length of a segment at the wall")
     def shortest(self) -> float:
-        return self.worm.length_of(self.tube.radius)
+        return self.worm.length_of(self.pipe.radius)
 
     @scalar("length", "longest less shortest length, *D*")
     def stroke(self) -> float:
@@ -246,7 +246,7 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
 
     @scalar("length", "length of a segment with the clearance less the shortest length")
     def lift(self) -> float:
-        clear = self.worm.length_of(self.tube.radius - self.limits.clearance)
+        clear = self.worm.length_of(self.pipe.radius - self.limits.clearance)
         return min(clear - self.shortest, self.stroke)
 
     @scalar("speed", "largest rates of contraction and extension")
@@ -257,9 +257,9 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
     def worm_radius(self) -> float:
         return self.worm.radius
 
-    @scalar("length", "`tube.radius`")
+    @scalar("length", "`pipe.radius`")
     def tube_radius(self) -> float:
-        return self.tube.radius
+        return self.pipe.radius
 
     # -- the gait ----------------------------------------------------------------------------------
 
@@ -332,7 +332,7 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
     @scalar("length", "least over all flights of the largest distance from the wall")
     def clearance_min(self) -> float:
         thickest = self.worm.radius * np.sqrt(self.worm.length / (self.shortest + self.lifted))
-        return float(self.tube.radius - thickest)
+        return float(self.pipe.radius - thickest)
 
     # -- the wave ----------------------------------------------------------------------------------
 

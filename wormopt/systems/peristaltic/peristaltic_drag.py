@@ -387,9 +387,11 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     def duration(self) -> float:
         return self.numbers.duration
 
-    @scalar("1", "minimised value: the negative displacement over `distance_small`")
-    def objective(self) -> float:
-        return self.numbers.objective
+    @scalar(
+        "1", "minimised value: the negative displacement over `distance_small`", name="objective"
+    )
+    def minimised(self) -> float:
+        return self.numbers.minimised
 
     @scalar("speed", "root mean square of \\|*l*′\\|")
     def input_rms(self) -> float | None:

@@ -279,20 +279,20 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     load: float = number(
         "force", "drag on the ends, which the segment must overcome and hold", least=0, default=0.0
     )
-    tube: TubeTable | None = entry("the tube; none if left out", default=None)
+    pipe: TubeTable | None = entry("the tube; none if left out", default=None)
     winding: Winding | None = entry("the real coil; none if left out", default=None)
     inflation: Inflation | None = entry("a given pressure; none if left out", default=None)
     stretches: Pair = entry(
         "range of stretches in the plot of forces", quantity="share", default=(0.85, 1.1)
     )
-    points: int = whole(11, 1000, "number of points of the curves", default=101)
+    samples: int = whole(11, 1000, "number of points of the curves", default=101)
     gravity: float = positive("acceleration", "acceleration of gravity", default=GRAVITY)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from wrong_order("stretches", self.stretches, may_be_equal=False)
-        segment, tube, winding = self.segment, self.tube, self.winding
+        segment, tube, winding = self.segment, self.pipe, self.winding
         if segment.wall >= segment.radius / 2:
             yield (
                 "segment.wall",
@@ -300,7 +300,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
                 f"less than {segment.radius / 2:g}",
             )
         if tube:
-            yield from segment.faults_in("tube.radius", tube.radius)
+            yield from segment.faults_in("pipe.radius", tube.radius)
         outside = max(segment.radius, tube.radius if tube else 0.0)
         if winding and winding.inner_radius <= outside:
             yield (
@@ -351,7 +351,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     def curves(self) -> Curves:
         segment, load = self.body, self.load
         most = 2 * self.coil.pressure or segment.shear_modulus * segment.wall / segment.radius
-        pressures, stretches = np.linspace(0.0, most, self.points), self.plotted_stretches
+        pressures, stretches = np.linspace(0.0, most, self.samples), self.plotted_stretches
         with self.refused("segment.shear_modulus"):
             free, loaded, deepest = (
                 np.array([stretch(p) for p in pressures])
@@ -375,7 +375,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     def plotted_stretches(self) -> np.ndarray:
         """Stretches at which forces are plotted."""
         least, largest = self.stretches
-        return np.linspace(least, largest, self.points)
+        return np.linspace(least, largest, self.samples)
 
     @check(
         _ACCEPTED,
@@ -398,10 +398,10 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     @property
     def walls(self) -> Tube:
         """The tube, where there is one."""
-        assert self.tube
-        return Tube(self.tube.radius, self.tube.friction)
+        assert self.pipe
+        return Tube(self.pipe.radius, self.pipe.friction)
 
-    @parts(Hold, when="tube")
+    @parts(Hold, when="pipe")
     def hold(self) -> Hold:
         segment, tube, pressure, load = self.body, self.walls, self.coil.pressure, self.load
         stretch = tube.stretch_at_contact(segment)
@@ -410,7 +410,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
         if load and not tube.friction:
             asks = f"write at least {load / loaded:.3g}" if loaded else "there is no normal force"
             message = f"no friction holds no load of {load:g} N; {asks}"
-            raise SceneError(self.name, [("tube.friction", message)])
+            raise SceneError(self.name, [("pipe.friction", message)])
         drag, holding = tube.friction * self.strokes.weight, tube.friction * loaded
         return Hold(
             moves=bool(holding > 0 and holding >= load + drag and push >= drag),
@@ -429,7 +429,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     @check(
         _ACCEPTED,
         "the normal force differs by {value:.2g} from the derivative of the energy",
-        when="tube",
+        when="pipe",
         name="work of the wall",
     )
     def wall_work(self) -> float:
@@ -443,7 +443,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
         winding, turns = self.winding, self.winding.ampere_turns
         coil = Coil(winding.inner_radius, winding.outer_radius, winding.length)
         wound = WoundSegment(self.body, coil, self.fluid.chi)
-        places = self.body.length * np.linspace(-0.75, 0.75, self.points)
+        places = self.body.length * np.linspace(-0.75, 0.75, self.samples)
         return RealCoil(
             winding_pressure=wound.pressure(0.0, turns),
             winding_share=wound.share(1.0),
@@ -542,9 +542,9 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
 
     @warnings
     def weak_or_heavy(self) -> Iterator[str]:
-        if self.tube and not self.hold.moves:
+        if self.pipe and not self.hold.moves:
             yield f"the segment will not move: {self.why_at_rest()}"
-        if self.tube and self.hold.moves and self.spare <= _NONE:
+        if self.pipe and self.hold.moves and self.spare <= _NONE:
             yield (
                 "the segment moves without any reserve: the wall just holds load and drag, or the "
                 "rubber just overcomes the drag"
@@ -584,7 +584,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
                 f"to the wall; write {', or '.join(asks)}"
             )
         if not needed:
-            return "without friction nothing holds; write a tube.friction above 0"
+            return "without friction nothing holds; write a pipe.friction above 0"
         if hold.holding_loaded < needed:
             return (
                 f"the wall holds {1e3 * hold.holding_loaded:.3g} mN, less than load and drag, "
@@ -605,8 +605,8 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
             "coil_pressure": self.coil.pressure,
             "load": self.load,
         }
-        if self.tube:
-            sizes["tube_radius"] = self.tube.radius
+        if self.pipe:
+            sizes["tube_radius"] = self.pipe.radius
         if self.inflation:
             sizes["inflation_pressure"] = self.inflation.pressure
         if self.winding:

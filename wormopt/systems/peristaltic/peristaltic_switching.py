@@ -268,7 +268,7 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     worm: Worm = entry("the worm")
     ground: DragGround | TubeGround = entry('the ground, with `kind = "drag"` or `kind = "tube"`')
     limits: Limits = entry("limits of the switching times")
-    aim: Objective = entry("objective")
+    objective: Objective = entry("objective")
     search: Starts = entry("starting points of the search", default=Starts)
     mesh: MeshTable = entry(
         "discretisation of a phase; 2 arcs of degree 8 at Legendre points",
@@ -293,13 +293,15 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     @property
     def sought(self) -> Aim:
         """What is maximised."""
-        return "speed" if self.aim.maximise else "thrift"
+        return "speed" if self.objective.maximise else "thrift"
 
     @cached_property
     def useful(self) -> SwitchLimits:
         """Limits without periods longer than the worm can use."""
         given, (low, high) = self.limits, self.limits.period
-        limits = SwitchLimits((low, high), given.duty, given.dwell, given.together, self.aim.speed)
+        limits = SwitchLimits(
+            (low, high), given.duty, given.dwell, given.together, self.objective.speed
+        )
         return limits.that_count(self.switched_worm)
 
     @stage
@@ -421,9 +423,10 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
         "1",
         "minimised value: negative `speed`, or negative displacement per time that coils are "
         "on, scaled by the stroke of a segment over the sum of both time constants",
+        name="objective",
     )
-    def objective(self) -> float:
-        return self.numbers.objective
+    def minimised(self) -> float:
+        return self.numbers.minimised
 
     @scalar("share", "root of the mean number of coils on")
     def input_rms(self) -> float | None:

@@ -218,7 +218,7 @@ class Course(Given):
 class Signals:
     """The motion over time."""
 
-    time: np.ndarray = signal("time", "time", "time")
+    times: np.ndarray = signal("time", "time", "time", name="time")
     position: np.ndarray = signal("length", "ring time", "position of the ring")
     current: np.ndarray = signal("current", "segment time", "current of the coil")
     stretch: np.ndarray = signal("1", "segment time", "length over unstressed length")
@@ -247,7 +247,7 @@ class Advance:
         "length", "(*N* − *m*) *D*, advance with ideal anchors; unknown for harmonic currents"
     )
     advance_share: float | None = value("share", "`advance` divided by `advance_ideal`")
-    speed: float = value("speed", "mean speed after `course.settle` cycles")
+    speed: float = value("speed", "mean speed after `time.settle` cycles")
     against_wave: int = value("1", "1: moves against its wave; −1: with it; 0: not at all")
 
 
@@ -297,7 +297,7 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
         "Drag acts at the middle",
         default="mid",
     )
-    course: Course = entry("duration and accuracy", default=Course)
+    time: Course = entry("duration and accuracy", default=Course)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -380,17 +380,17 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
             return crawl(
                 self.model,
                 self.currents,
-                self.course.cycles,
+                self.time.cycles,
                 nominal_work=self.body.nominal_work,
                 samples=self.samples,
-                relative=self.course.tolerance,
+                relative=self.time.tolerance,
                 report=self.report,
             )
 
     @stage
     def recheck(self) -> SecondRoute | None:
         """The end by time stepping; None if it does not get there."""
-        step = self.course.moreau_step
+        step = self.time.moreau_step
         try:
             with np.errstate(all="ignore"):
                 return second_route(self.model, self.currents, self.motion, step, self.report)
@@ -403,7 +403,7 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
         contacts, modes = self.model.contacts, motion.modes_at(motion.time)
         at_rest = (modes == 0).astype(float)
         return Signals(
-            time=motion.time,
+            times=motion.time,
             position=motion["position"],
             current=motion["input"],
             stretch=motion["stretch"],
@@ -443,9 +443,9 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
 
     @parts(Advance)
     def progress(self) -> Advance:
-        wave, settle, center = self.wave, self.course.settle, self.signals.center
+        wave, settle, center = self.wave, self.time.settle, self.signals.center
         way = float(center[-1] - center[settle * self.samples])
-        advance = way / (self.course.cycles - settle)
+        advance = way / (self.time.cycles - settle)
         switched = isinstance(wave, SwitchedWave)
         ideal = (self.worm.segments - wave.on) * self.stroke if switched else None
         against = int(np.sign(advance)) * (1 if wave.retrograde else -1)
@@ -462,7 +462,7 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
         several = isinstance(self.wave, SwitchedWave) and self.wave.on > 1
         if isinstance(self.ground, Drag) or not several:
             return Holding(None, None)
-        anchors, settle = Anchors(self.currents, self.samples), self.course.settle
+        anchors, settle = Anchors(self.currents, self.samples), self.time.settle
         return Holding(anchors.slip(self.motion, settle), anchors.reserve(self.motion, settle))
 
     # -- loads -------------------------------------------------------------------------------------
@@ -532,13 +532,13 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
     def n_steps(self) -> int:
         return self.motion.n_steps
 
-    @check(_ENERGY, "energy is not balanced; write a smaller course.tolerance")
+    @check(_ENERGY, "energy is not balanced; write a smaller time.tolerance")
     def energy_balance(self) -> float:
         return self.energy_error
 
     @checks
     def against_second_route(self) -> Iterator[Check]:
-        second, remedy = self.recheck, "write a smaller course.moreau_step"
+        second, remedy = self.recheck, "write a smaller time.moreau_step"
         ends = "ends elsewhere" if second else "does not finish"
         advice = f"the second route (Moreau-Jean) {ends}; {remedy}"
         yield Check("second route", self.moreau_error, _AGREED, advice)

@@ -105,7 +105,7 @@ class Limits(Given):
     length_rate: float = positive("speed", "largest rate of a link length", default=1.0)
     effort: float | None = positive(
         "energy",
-        "largest work per cycle; for dry ground, or if `aim.purpose` is `work`",
+        "largest work per cycle; for dry ground, or if `objective.purpose` is `work`",
         default=None,
     )
     half_width: float | None = positive(
@@ -206,7 +206,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
         default=None,
     )
     viscous: Drags | None = entry("viscous ground; this or `ground`", default=None)
-    aim: Aim = entry("objective of the gait", default=Aim)
+    objective: Aim = entry("objective of the gait", default=Aim)
     limits: Limits = entry("limits of the gait", default=Limits)
     search: Search = entry("starting points of the search", default=Search)
 
@@ -230,7 +230,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
     @cached_property
     def task(self) -> PlanarAim:
         """The objective; raises SceneError if it is inconsistent."""
-        aim, shape = self.aim, self.body.shape()
+        aim, shape = self.objective, self.body.shape()
         x, y, turn = aim.pose or (0.0, 0.0, 0.0)
         try:
             return PlanarAim(
@@ -247,7 +247,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
                 time=aim.time,
             )
         except ArgumentError as error:  # faults that no table finds without numerics
-            raise SceneError(self.name, [("aim", str(error))]) from None
+            raise SceneError(self.name, [("objective", str(error))]) from None
 
     def _ground_of(self, shape: Shape) -> Ground:
         if self.viscous is not None:
@@ -282,9 +282,9 @@ class PlanarGaitDesign(Study, kind="planar-design"):
 
     @parts(Numbers)
     def numbers(self) -> Numbers:
-        design, turns = self.design, self.aim.purpose == "turn"
+        design, turns = self.design, self.objective.purpose == "turn"
         turn, bound = float(design.displacement[2]), design.work_bound
-        circle = circle_of(design.displacement) if self.aim.purpose != "speed" else None
+        circle = circle_of(design.displacement) if self.objective.purpose != "speed" else None
         rate, turn_bound = turn / design.duration, design.turn_bound if turns else None
         return Numbers(
             displacement=design.displacement[:2].tolist(),

@@ -75,7 +75,6 @@ with on_use():
         motion_facts,
         warnings_of_motion,
     )
-    from wormopt.systems.shared.settings import tolerance_of, treatment_of
     from wormopt.systems.shared.signals import event_arrays, simulate_whole
 
 _Angle = Annotated[float, Meta(gt=-3.14159, lt=3.14159, description="an angle within ±3.14159")]
@@ -482,7 +481,7 @@ class PlanarMotion(Study, kind="planar-motion"):
     @property
     def accuracy(self) -> Tolerance:
         """Tolerance of the scene, with a least speed among obstacles."""
-        tolerance = tolerance_of(self.tolerance)
+        tolerance = self.tolerance.options
         if not self.obstacles:
             return tolerance
         steps = min(tolerance.max_steps, _STEPS_AT_OBSTACLES)
@@ -501,7 +500,7 @@ class PlanarMotion(Study, kind="planar-motion"):
                     watched,
                     self.time.end,
                     self.time.samples,
-                    treatment_of(self.contact),
+                    self.contact.options,
                     self.accuracy,
                     self.report,
                 )

@@ -307,7 +307,7 @@ class PlanarPath(Study, kind="planar-path"):
     obstacles: tuple[DiscTable | BlockTable | CapsuleTable | WallTable, ...] = entry(
         "obstacles that the body may not touch", default=()
     )
-    course: Route = entry("start, goal and limits of the path")
+    route: Route = entry("start, goal and limits of the path")
     search: Search = entry("how", default=Search)
 
     def faults_of_keys(self) -> Iterator[Fault]:
@@ -360,15 +360,15 @@ class PlanarPath(Study, kind="planar-path"):
     @property
     def task(self) -> PathTask:
         """Start, goal and limits of the path."""
-        course, strip = self.course, self.course.corridor
+        route, strip = self.route, self.route.corridor
         return PathTask(
-            np.array(course.start),
-            np.array(course.goal),
-            course.tolerance.tolerance(),
+            np.array(route.start),
+            np.array(route.goal),
+            route.tolerance.tolerance(),
             [each.obstacle() for each in self.obstacles],
-            course.clearance,
-            [(x, y) for x, y in course.via],
-            course.via_radius,
+            route.clearance,
+            [(x, y) for x, y in route.via],
+            route.via_radius,
             strip and Corridor(np.array(strip.line), strip.width),
         )
 
@@ -389,7 +389,7 @@ class PlanarPath(Study, kind="planar-path"):
             if error.code != "too_far":
                 raise
             message = f"{error.reason}; {error.suggestion} (search.poses)"
-            raise SceneError(self.name, [("course.goal", message)]) from None
+            raise SceneError(self.name, [("route.goal", message)]) from None
 
     @stage
     def simulation(self) -> Course:
@@ -437,14 +437,14 @@ class PlanarPath(Study, kind="planar-path"):
     @attributes
     def drawn(self) -> Mapping[str, Any]:
         """Parts of the scene that pictures need."""
-        course = self.course
+        route = self.route
         return {
             "radius": self.radius,
-            "start": course.start,
-            "goal": course.goal,
-            "tolerance": course.tolerance.place,
-            "via": course.via,
-            "corridor": course.corridor and [course.corridor.line, course.corridor.width],
+            "start": route.start,
+            "goal": route.goal,
+            "tolerance": route.tolerance.place,
+            "via": route.via,
+            "corridor": route.corridor and [route.corridor.line, route.corridor.width],
             "obstacles": [to_builtins(each) for each in self.obstacles],
         }
 
@@ -452,7 +452,7 @@ class PlanarPath(Study, kind="planar-path"):
 
     @checks
     def by_simulation(self) -> Iterator[Check]:
-        plan, found, near = self.plan, self.simulated, self.course.tolerance
+        plan, found, near = self.plan, self.simulated, self.route.tolerance
         place, angle = found.off_place, found.off_angle
         ends = "simulated in Cartesian coordinates, the path ends"
         advice = f"{ends} {place:.3g} away from the goal"
@@ -462,7 +462,7 @@ class PlanarPath(Study, kind="planar-path"):
         agreed = _AGREED if len(self.held_motions) == len(plan.steps) else _CRAWLS_AGREED
         advice = "plan and simulation differ"
         yield Check("plan and simulation", found.apart / size, agreed, advice)
-        touch = "in the simulation the body touches an obstacle; write more course.clearance"
+        touch = "in the simulation the body touches an obstacle; write more route.clearance"
         room = found.room_simulated
         yield Check("room by simulation", room, 0.0, touch, room >= 0)
 

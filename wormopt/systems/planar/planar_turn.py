@@ -71,7 +71,7 @@ class Turner(Given):
             yield "bent", "equals worm.straight, so the joint does not swing; write another"
 
 
-class Pace(Given):
+class Rate(Given):
     """Largest rates of the shape."""
 
     joint: float = positive("angular_frequency", "largest rate of the joint angle")
@@ -125,7 +125,7 @@ class PlanarTurn(Crawling, kind="planar-turn"):
     headline: ClassVar = ("heading_rate", "heading_rate_bound", "gap", "turn", "work")
 
     worm: Turner = entry("the worm and its gait")
-    pace: Pace = entry("largest rates of the shape")
+    rate: Rate = entry("largest rates of the shape")
     cycles: int = whole(1, 100, "number of gaits shown", default=2)
 
     # -- computing ---------------------------------------------------------------------------------
@@ -139,8 +139,8 @@ class PlanarTurn(Crawling, kind="planar-turn"):
     def durations(self) -> tuple[float, float]:
         """Durations of a swing and of a swap."""
         worm = self.worm
-        return abs(worm.bent - worm.straight) / self.pace.joint, (
-            (worm.long - worm.short) / self.pace.link
+        return abs(worm.bent - worm.straight) / self.rate.joint, (
+            (worm.long - worm.short) / self.rate.link
         )
 
     @property
@@ -161,7 +161,7 @@ class PlanarTurn(Crawling, kind="planar-turn"):
         gait, done = self.gait, self.crawl
         turn, middle = done.displacement[2], np.array([-gait.long, 0.0])
         drift = float(np.hypot(*(done.displacement[:2] + rotate(turn, middle) - middle)))
-        rate, bound = abs(float(turn)) / self.duration, heading_rate_bound(self.pace.joint)
+        rate, bound = abs(float(turn)) / self.duration, heading_rate_bound(self.rate.joint)
         off = abs(turn - gait.turn), abs(done.work / gait.work - 1), drift / gait.long
         return Turned(
             heading_rate=rate,

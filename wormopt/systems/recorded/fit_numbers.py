@@ -17,15 +17,14 @@ from wormopt.result import Check
 from wormopt.study import (
     Given,
     Scene,
-    Study,
     array,
-    arrays,
     attributes,
     checks,
     entry,
     facts,
     load_scene,
     on_use,
+    parts,
     positive,
     scalar,
     scalars,
@@ -35,12 +34,12 @@ from wormopt.study import (
 )
 from wormopt.study.given import meaning
 from wormopt.study.members import NotComputedError
+from wormopt.systems.recorded.found import Found
 from wormopt.systems.recorded.tables import (
-    FOUND,
+    FromScene,
     KeyUnknown,
     Level,
     Measured,
-    SceneTables,
     named_twice,
     near,
     scene_of,
@@ -52,7 +51,6 @@ with on_use():
     from scipy.optimize import least_squares
 
     from wormopt.fitting.uncertainty import covariance_of, held_at, offset_of, spectrum
-    from wormopt.systems.recorded.found import Found, Number, markdown
     from wormopt.systems.recorded.numbers_task import Looked, NumbersTask
 
 # Smallest relative reduction of a prior error that counts as informed by the measurements.
@@ -89,7 +87,7 @@ class Estimates:
     gain: float | None = None  # gain by the best neighbour of a compass search
 
 
-class FitNumbers(Study, kind="fit-numbers"):
+class FitNumbers(FromScene, kind="fit-numbers"):
     """Estimate keys of a scene from single measured values, such as velocities.
 
     An example is a set of velocities at several frequencies. `[model]` may contain any scene. It is
@@ -104,9 +102,9 @@ class FitNumbers(Study, kind="fit-numbers"):
     """
 
     pictures: ClassVar = {
-        "measurements": "wormopt.systems.recorded.plots.fit_numbers:measurements",
-        "parameters": "wormopt.systems.recorded.plots.found:parameters",
-        "correlation": "wormopt.systems.recorded.plots.found:correlation",
+        "measurements": "wormopt.systems.recorded.pictures:measurements",
+        "parameters": "wormopt.systems.recorded.pictures:parameters",
+        "correlation": "wormopt.systems.recorded.pictures:correlation",
     }
     table_file = True
 
@@ -115,7 +113,6 @@ class FitNumbers(Study, kind="fit-numbers"):
         "intervals; `correlation`: of the errors",
         default=(),
     )
-    model: SceneTables
     measured: tuple[Measured, ...] = entry("measurements")
     unknown: tuple[KeyUnknown, ...] = entry("parameters to estimate")
     search: NumberSearch = entry("the search", default=NumberSearch)
@@ -144,7 +141,7 @@ class FitNumbers(Study, kind="fit-numbers"):
         yield from self._faults_beside(scene)
 
     def _faults_beside(self, scene: Scene[Any]) -> Iterator[Fault]:
-        known = KINDS[scene.table.kind].load_table().scalars
+        known = KINDS[scene.table.kind].load().scalars
         for k, one in enumerate(self.measured):
             if one.scalar not in known:
                 what = f'results of kind "{scene.table.kind}" have no scalar "{one.scalar}"'
@@ -166,11 +163,8 @@ class FitNumbers(Study, kind="fit-numbers"):
     @cached_property
     def task(self) -> NumbersTask:
         """Residuals of the scene in `[model]`; it keeps what was computed."""
-        task = NumbersTask(
-            scene_of(self.model, self.folder, self.units), self.measured, self.unknown
-        )
-        task.say = lambda done, of: self.report(f"run {task.runs + done}", done / of)
-        return task
+        scene = scene_of(self.model, self.folder, self.units)
+        return NumbersTask(scene, self.measured, self.unknown, self.report)
 
     @cached_property
     def points(self) -> list[np.ndarray]:
@@ -179,8 +173,7 @@ class FitNumbers(Study, kind="fit-numbers"):
 
     @stage
     def begun(self) -> Looked:
-        with np.errstate(all="ignore"):  # values that are not finite are found where they matter
-            begun = self.task.look([self.task.start])[0]
+        begun = self.task.look([self.task.start])[0]
         if not np.isfinite(begun.values[self.task.fitted]).all():
             reason = f"cannot be computed at the start of the search: {begun.reasons[0]}"
             raise SolveError(f"the scene in [model] {reason}", "write another start")
@@ -189,8 +182,7 @@ class FitNumbers(Study, kind="fit-numbers"):
     @stage
     def estimation(self) -> Estimates:
         _ = self.begun
-        with np.errstate(all="ignore"):
-            return self._by_compass() if self.search.method == "compass" else self._by_slopes()
+        return self._by_compass() if self.search.method == "compass" else self._by_slopes()
 
     def _by_slopes(self) -> Estimates:
         """Minimise by Gauss-Newton steps."""
@@ -243,9 +235,8 @@ class FitNumbers(Study, kind="fit-numbers"):
     @cached_property
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates, (n, n), infinite where not identifiable."""
-        with np.errstate(all="ignore"):
-            nominal = self.task.nominal
-            return covariance_of(spectrum(self.estimation.jacobian, nominal), nominal)
+        nominal = self.task.nominal
+        return covariance_of(spectrum(self.estimation.jacobian, nominal), nominal)
 
     @cached_property
     def errors(self) -> dict[str, float]:
@@ -259,16 +250,11 @@ class FitNumbers(Study, kind="fit-numbers"):
         found = self.estimation
         return ~held_at(self.task.bounds, found.theta, found.jacobian.T @ found.residuals)
 
-    @cached_property
+    @parts(Found)
     def found(self) -> Found:
-        """Estimates, their errors and intervals."""
-        task = self.task
-        numbers = [
-            Number(unknown.name, self.unit(unknown), float(began))
-            for unknown, began in zip(self.unknown, task.values(task.start), strict=True)
-        ]
-        with np.errstate(all="ignore"):
-            return Found.of(numbers, task, self.estimation.theta, self.covariance, self.level)
+        task, theta = self.task, self.estimation.theta
+        units, began = [*map(self.unit, self.unknown)], task.values(task.start).tolist()
+        return Found.of(task.names, units, began, task, theta, self.covariance, self.level)
 
     def unit(self, unknown: KeyUnknown) -> str:
         """Return the unit of a key from its declaration in the table of the scene."""
@@ -283,10 +269,6 @@ class FitNumbers(Study, kind="fit-numbers"):
     @scalars({})
     def estimates(self) -> dict[str, Scalar]:
         return self.found.scalars
-
-    @arrays(FOUND)
-    def with_errors(self) -> dict[str, np.ndarray]:
-        return self.found.variables
 
     @scalar("count", "number of fitted measurements")
     def n_measurements(self) -> int:
@@ -311,8 +293,7 @@ class FitNumbers(Study, kind="fit-numbers"):
         "distance of the end of the search from the minimum by derivatives, in standard errors",
     )
     def offset(self) -> float:
-        with np.errstate(all="ignore"):
-            return offset_of(self.estimation.residuals, self.estimation.jacobian, self.free)
+        return offset_of(self.estimation.residuals, self.estimation.jacobian, self.free)
 
     @cached_property
     def reductions(self) -> dict[str, float]:
@@ -428,13 +409,13 @@ class FitNumbers(Study, kind="fit-numbers"):
         units = [unit_of(table.scalars[one.scalar][0], table.units) for one in self.measured]
         return {
             "unknowns": [*self.found.names],
-            "unknown_units": [number.unit for number in self.found.numbers],
+            "unknown_units": [*self.found.units],
             "measurements": [one.text or one.scalar for one in self.measured],
             "scalars": [one.scalar for one in self.measured],
             "scalar_units": units,
             "uses": [one.use for one in self.measured],
             "changed_key": self.changed_key,
-            "table": markdown(self.found, self.level),
+            "table": self.found.markdown(self.level),
         }
 
     @property

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
-import numpy as np
-from scipy.stats import norm
-
-from wormopt.model.model import Model
 from wormopt.quantities import UNITS, Scalar, unit_of
+from wormopt.study import on_use, signal
+
+with on_use():
+    import numpy as np
+    from scipy.stats import norm
+
+    from wormopt.model.model import Model
 
 
 class Coordinates(Protocol):
@@ -26,29 +29,26 @@ class Coordinates(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Number:
-    """An estimated parameter."""
-
-    name: str
-    unit: str
-    began: float  # initial value of the search
-
-
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Estimates, their errors and intervals."""
+    """Estimates of n parameters, their errors and intervals."""
 
-    numbers: Sequence[Number]
-    value: np.ndarray  # (n,)
-    error: np.ndarray  # (n,) standard errors, infinite if not identifiable
-    interval: np.ndarray  # (n, 2)
-    correlation: np.ndarray  # (n, n)
+    names: Sequence[str]
+    units: Sequence[str]
+    began: np.ndarray = signal("count", "unknown", "initial values of the search")
+    estimate: np.ndarray = signal("count", "unknown", "estimates, each in its own unit")
+    standard_error: np.ndarray = signal("count", "unknown", "standard errors of the estimates")
+    interval: np.ndarray = signal(
+        "count", "unknown end", "confidence intervals, lower and upper end"
+    )
+    correlation: np.ndarray = signal("count", "unknown other_unknown", "correlation of the errors")
 
     @classmethod
     def of(
         cls,
-        numbers: Sequence[Number],
+        names: Sequence[str],
+        units: Sequence[str],
+        began: Sequence[float],
         coordinates: Coordinates,
         theta: np.ndarray,
         covariance: np.ndarray,
@@ -60,38 +60,40 @@ class Found:
         ends = [coordinates.values(theta + side * reach) for side in (-1, 1)]
         with np.errstate(all="ignore"):
             correlation = covariance / np.outer(spread, spread)
-        value = coordinates.values(theta)
         error = spread * np.abs(coordinates.slopes(theta))
-        return cls(numbers, value, error, np.stack(ends, axis=1), correlation)
+        return cls(
+            names, units, np.array(began), coordinates.values(theta), error,
+            np.stack(ends, axis=1), correlation,
+        )  # fmt: skip
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-        return tuple(number.name for number in self.numbers)
-
-    @property
-    def scalars(self) -> dict[str, Any]:
-        """Scalars of every estimate, its standard error and its interval."""
-        found: dict[str, Any] = {}
-        for k, number in enumerate(self.numbers):
-            found[label_of(number.name)] = Scalar(float(self.value[k]), number.unit)
-        for k, number in enumerate(self.numbers):
-            label = label_of(number.name)
-            error = float(self.error[k]) if np.isfinite(self.error[k]) else None
-            found[f"{label}_error"] = Scalar(error, number.unit)
-            found[f"{label}_interval"] = Scalar(self.interval[k].tolist(), number.unit)
+    def scalars(self) -> dict[str, Scalar]:
+        """Scalars of every estimate, its standard error (None if infinite) and its interval."""
+        labels, found = [*map(label_of, self.names)], dict[str, Scalar]()
+        for label, unit, value in zip(labels, self.units, self.estimate.tolist(), strict=True):
+            found[label] = Scalar(value, unit)
+        for k, (label, unit) in enumerate(zip(labels, self.units, strict=True)):
+            error = float(self.standard_error[k])
+            found[f"{label}_error"] = Scalar(error if np.isfinite(error) else None, unit)
+            found[f"{label}_interval"] = Scalar(self.interval[k].tolist(), unit)
         return found
 
-    @property
-    def variables(self) -> dict[str, np.ndarray]:
-        """Arrays of the estimates, each in its parameter's own unit."""
-        return {
-            "estimate": self.value,
-            "standard_error": self.error,
-            "interval": self.interval,
-            "began": np.array([number.began for number in self.numbers]),
-            "correlation": self.correlation,
-        }
+    def markdown(self, level: float) -> str:
+        """Table of estimates with intervals of a confidence in Markdown."""
+        rows = [
+            "| unknown | unit | initial | estimate | standard error "
+            f"| {100 * level:g} % interval |",
+            "| --- | --- | ---: | ---: | ---: | --- |",
+        ]
+        for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            error, (low, high) = self.standard_error[k], self.interval[k]
+            known = f"{error:.2g}" if np.isfinite(error) else "not identifiable"
+            ends = f"{low:.5g} to {high:.5g}" if np.isfinite([low, high]).all() else "unbounded"
+            rows.append(
+                f"| {name} | {unit} | {self.began[k]:.5g} | {self.estimate[k]:.6g} | {known} "
+                f"| {ends} |"
+            )
+        return "\n".join(rows) + "\n"
 
 
 def label_of(name: str) -> str:
@@ -100,31 +102,14 @@ def label_of(name: str) -> str:
     return label if label[:1].isalpha() else f"number_{label}"
 
 
-def markdown(found: Found, level: float) -> str:
-    """Table of estimates in Markdown."""
-    rows = [
-        f"| unknown | unit | initial | estimate | standard error | {100 * level:g} % interval |",
-        "| --- | --- | ---: | ---: | ---: | --- |",
-    ]
-    for k, number in enumerate(found.numbers):
-        error = f"{found.error[k]:.2g}" if np.isfinite(found.error[k]) else "not identifiable"
-        low, high = found.interval[k]
-        told = f"{low:.5g} to {high:.5g}" if np.isfinite([low, high]).all() else "unbounded"
-        rows.append(
-            f"| {number.name} | {number.unit} | {number.began:.5g} | {found.value[k]:.6g} | "
-            f"{error} | {told} |"
-        )
-    return "\n".join(rows) + "\n"
-
-
 def unit_of_directions(model: Model, directions: Mapping[str, np.ndarray], units: str) -> str:
     """Unit of a parameter from the signals that depend on it, "1" if their units differ."""
     signals = {s.name: s.unit for s in (*model.x, *model.p, *model.u)}
-    found = {told(signals.get(name, "1"), units) for name in directions}
+    found = {unit_of_signal(signals.get(name, "1"), units) for name in directions}
     return found.pop() if len(found) == 1 else "1"
 
 
-def told(unit: str, units: str) -> str:
+def unit_of_signal(unit: str, units: str) -> str:
     """Unit of a signal: that of its quantity, or its own."""
     if unit in UNITS:
         return unit_of(unit, units)

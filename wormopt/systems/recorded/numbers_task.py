@@ -7,26 +7,17 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.kinds import KINDS
 from wormopt.numerics.workers import Workers
-from wormopt.progress import silent
+from wormopt.progress import Report, silent
 from wormopt.study.scene import Scene, load_scene
 from wormopt.systems.recorded.tables import KeyUnknown, Measured, value_at
-
-Say = Callable[[int, int], None]
-"""Called with the number of finished runs and of all runs."""
-
-
-def untold(done: int, of: int) -> None:
-    """Report no progress."""
-
 
 # Residual, in standard deviations, of a measurement whose scene cannot be computed.
 _LOST = 1e6
@@ -47,7 +38,7 @@ class NumbersTask:
     scene: Scene[Any]
     measured: Sequence[Measured]
     unknowns: Sequence[KeyUnknown]
-    say: Say = untold
+    report: Report = silent
     runs: int = 0
     known: dict[bytes, Looked] = field(default_factory=dict)
 
@@ -192,7 +183,7 @@ class NumbersTask:
         with Workers(min(len(jobs), os.cpu_count() or 1) or 1) as workers:
             for k, answer in workers.as_completed(_compute, jobs):
                 found[k] = answer
-                self.say(len(found), len(jobs))
+                self.report(f"run {self.runs + len(found)}", len(found) / len(jobs))
         self.runs += len(jobs)
         return [found[k] for k in range(len(jobs))]
 
@@ -211,7 +202,7 @@ def _compute(job: _Job) -> _Answer:
     scene, changes = job
     try:
         changed = load_scene(scene, changes)
-        result = KINDS[changed.table.kind].run(changed, silent)
+        result = changed.table.result(silent)
     except (SolveError, SceneError, ArgumentError) as error:
         return {}, str(error)
     numbers = {

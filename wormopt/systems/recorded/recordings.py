@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, NoReturn
+from types import MappingProxyType
+from typing import Any, NoReturn, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -15,37 +16,34 @@ from wormopt.control.loop import feed
 from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.fitting.recording import Recording, guesses, unwrapped
-from wormopt.kinds import KINDS
 from wormopt.model.gait import Gait
 from wormopt.model.given import fields_of
 from wormopt.model.model import Model, Output, Signal
 from wormopt.quantities import UNITS, unit_of
-from wormopt.study.scene import Scene
-from wormopt.systems.recorded.columns import Columns
-from wormopt.systems.recorded.scenes.fit import RecordingTable, entry_of, plain_numbers
+from wormopt.study import Study
+from wormopt.systems.recorded.recording_file import Columns, RecordingFile, entry_of
 from wormopt.systems.recorded.tables import near, scene_of
 from wormopt.units import parsed, scale
 
 _DRIVE = "recorded"
-# Fill value of NetCDF for missing numbers, unless a file gives another.
-_FILL = 9.969209968386869e36
+FileT = TypeVar("FileT", bound=RecordingFile)
 
 
-def model_of(scene: Scene[Any], model: dict[str, Any], which: str) -> Model:
-    """Build the Model of a scene inside another, by its label; SceneError if it has none."""
-    inner = scene_of(model, scene.folder, scene.table.units)
+def model_of(tables: dict[str, Any], which: str, study: Study, key: str = "model") -> Model:
+    """Build the Model of the scene at `key` of a study, by its label; SceneError if it has none."""
+    inner = scene_of(tables, study.folder, study.units, key)
     try:
-        models = KINDS[inner.table.kind].models_of(inner)
+        models = inner.table.models()
     except SceneError as error:
-        faults = [(f"model.{key}" if key else "model", what) for key, what in error.faults]
-        raise SceneError(scene.name, faults) from None
+        faults = [(f"{key}.{where}" if where else key, what) for where, what in error.faults]
+        raise SceneError(study.name, faults) from None
     if models is None:
         what = f'scenes of kind "{inner.table.kind}" have no Model to compare recordings with'
         hint = 'use a scene of kind "simulate", "track" or "magnetic-pair"'
-        raise SceneError(scene.name, [("model.kind", f"{what}; {hint}")])
+        raise SceneError(study.name, [(f"{key}.kind", f"{what}; {hint}")])
     if which not in models and (which or len(models) > 1):
         there = near(which, models)
-        raise SceneError(scene.name, [("which", f'"{which}" is no model of the scene; {there}')])
+        raise SceneError(study.name, [("which", f'"{which}" is no model of the scene; {there}')])
     return models[which] if which in models else next(iter(models.values()))
 
 
@@ -66,7 +64,7 @@ class Run:
 
 
 def runs_of(
-    tables: Sequence[RecordingTable],
+    tables: Sequence[RecordingFile],
     folder: Path,
     model: Model,
     units: str,
@@ -74,17 +72,7 @@ def runs_of(
     file: str,
 ) -> list[Run]:
     """Read all recordings of a scene; SceneError for `file` lists all faults."""
-    found: list[Run] = []
-    faults: list[Fault] = []
-    for k, table in enumerate(tables):
-        key = f"recording[{k}]"
-        try:
-            columns = _columns(table, folder, key)
-            found.append(_run(table, columns, model, units, noise, key))
-        except SceneError as error:
-            faults += error.faults
-        except ArgumentError as error:
-            faults.append((key, str(error)))
+    found, faults = read_all(tables, lambda table: run_of(table, folder, model, units, noise))
     seen = {name for run in found for name in run.recording.values}
     if not faults:
         faults += (
@@ -97,87 +85,43 @@ def runs_of(
     return found
 
 
-def _columns(table: RecordingTable, folder: Path, key: str) -> Columns:
-    if Path(table.file).suffix.lower() == ".nc":
-        return _netcdf(table.path(folder), table.time, f"{key}.file")
-    faults: list[Fault] = []
-    columns = table.read(folder, faults, key)
-    if columns is None:
-        raise SceneError(table.file, faults)
-    return columns
+def read_all(
+    tables: Sequence[FileT], read: Callable[[FileT], Run]
+) -> tuple[list[Run], list[Fault]]:
+    """Read the recordings of a scene one by one; returns runs, and the faults of all recordings."""
+    found, faults = list[Run](), list[Fault]()
+    for k, table in enumerate(tables):
+        try:
+            found.append(read(table))
+        except SceneError as error:
+            faults += [(f"recording[{k}].{key}", what) for key, what in error.faults]
+        except ArgumentError as error:
+            faults.append((f"recording[{k}]", str(error)))
+    return found, faults
 
 
-def _netcdf(path: Path, time: str, key: str) -> Columns:
-    """Columns of a NetCDF-3 file: variables along the dimension of `time`, entry by entry."""
-    from scipy.io import netcdf_file
-
-    try:
-        with netcdf_file(path, "r", mmap=False, maskandscale=True) as file:
-            stored = {
-                name: (one.dimensions, _with_gaps(one[:]), _unit(one))
-                for name, one in file.variables.items()
-                if one.dimensions and one.data.dtype.kind in "fiu"
-            }
-    except Exception as error:  # the reader raises almost any error on other files
-        hint = 'rewrite it, in xarray with to_netcdf(..., format="NETCDF3_64BIT")'
-        faults = [(key, f"{path.name} is not a NetCDF-3 file ({error}); {hint}, or as CSV")]
-        raise SceneError(path.name, faults) from None
-    if time not in stored or len(stored[time][0]) != 1:
-        there = near(time, (name for name, (dims, _, _) in stored.items() if len(dims) == 1))
-        raise SceneError(path.name, [(key, f"{path.name} has no time variable {time}; {there}")])
-    (along,), instants, unit = stored.pop(time)
-    wrong = np.flatnonzero(~(np.isfinite(instants[1:]) & (np.diff(instants) > 0)))
-    if wrong.size or not np.isfinite(instants[:1]).all():
-        k = int(wrong[0]) + 1 if wrong.size else 0
-        what = f"times do not increase at index {k}, {instants[k]:g}; keep each time once"
-        raise SceneError(path.name, [(key, f"{path.name}: {what}")])
-    values, units = {}, {"": unit}
-    for name, (dims, array, unit) in stored.items():
-        if along not in dims or len(dims) > 2:
-            continue
-        rows = np.atleast_2d(np.moveaxis(array, dims.index(along), -1))
-        for k, row in enumerate(rows):
-            column = f"{name}[{k}]" if len(dims) > 1 else name
-            values[column], units[column] = row.tolist(), unit
-    return Columns(instants.tolist(), values, units)
-
-
-def _with_gaps(values: np.ndarray) -> np.ndarray:
-    """Numbers of a NetCDF file, with NaN for its fill value."""
-    found = np.ma.filled(np.ma.array(values, dtype=float), np.nan)
-    return np.where(np.isclose(found, _FILL, rtol=1e-6), np.nan, found)
-
-
-def _unit(variable: object) -> str:
-    unit = getattr(variable, "units", b"")
-    return unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
-
-
-def _run(
-    table: RecordingTable,
-    columns: Columns,
+def run_of(
+    table: RecordingFile,
+    folder: Path,
     model: Model,
     units: str,
-    noise: Mapping[str, float],
-    key: str,
+    noise: Mapping[str, float] = MappingProxyType({}),
 ) -> Run:
-    places = _Places(model, table, units, key)
+    """Read the recording of a run of a model; SceneError has keys of the table."""
+    columns = table.read(folder)
+    places = _Places(model, table, units)
     seen, driven, left = places.sorted(columns)
     pace = places.factor("time", places.unit_of("", columns), table.time)
     if pace < 0:
-        raise SceneError(
-            table.file,
-            [(f"{key}.units.{table.time}", "is negative; write a positive unit of time")],
-        )
+        what = "is negative; write a positive unit of time"
+        raise SceneError(table.file, [(f"units.{table.time}", what)])
     time = np.asarray(columns.time) * pace
     first, last = table.window or (-np.inf, np.inf)
     kept = (first <= np.asarray(columns.time)) & (np.asarray(columns.time) <= last)
     values = {name: rows[:, kept] for name, rows in places.rows(seen, columns).items()}
     if not any(np.isfinite(rows).any() for rows in values.values()):
-        raise SceneError(
-            table.file,
-            [(f"{key}.file", "contains no reading of a state or output; name its columns")],
-        )
+        what = "contains no reading of a state or output; name its columns"
+        raise SceneError(table.file, [("file", what)])
     own, warnings = model, places.guesses(seen, time[kept], values)
     if driven:
         courses = places.rows(driven, columns)
@@ -188,8 +132,8 @@ def _run(
         time[kept],
         values,
         noise={name: sd for name, sd in noise.items() if name in values} or None,
-        x0=plain_numbers(table.start),
-        p=plain_numbers(table.parameters),
+        x0=table.start,
+        p=table.parameters,
         model=own if driven else None,
         name=table.label,
     )
@@ -206,8 +150,8 @@ _Place = tuple[str, int]
 class _Places:
     """Assignment of columns of a recording to signals of a Model."""
 
-    def __init__(self, model: Model, table: RecordingTable, units: str, key: str) -> None:
-        self._table, self._units, self._key = table, units, key
+    def __init__(self, model: Model, table: RecordingFile, units: str) -> None:
+        self._table, self._units = table, units
         outputs = {o.name: (o.expression.numel(), o.unit) for o in model.outputs}
         states = {s.name: (s.size, s.unit) for s in model.x}
         self._drives = {s.name: (s.size, s.unit) for s in (*model.u, *model.p)}
@@ -318,14 +262,18 @@ class _Places:
         return float(size / one)
 
     def _refuse(self, key: str, what: str) -> NoReturn:
-        raise SceneError(self._table.file, [(f"{self._key}.{key}", what)])
+        raise SceneError(self._table.file, [(key, what)])
 
 
 # -- recorded inputs -------------------------------------------------------------------------------
 
 
 def _driven(
-    model: Model, courses: Mapping[str, np.ndarray], time: np.ndarray, held: bool, said: list[str]
+    model: Model,
+    courses: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    held: bool,
+    warnings: list[str],
 ) -> Model:
     """Make a Model whose inputs and parameters of these names follow recorded values (size, m)."""
     signals = [s for s in (*model.u, *model.p) if s.name in courses]
@@ -336,7 +284,7 @@ def _driven(
             raise ArgumentError(
                 f"{s.name} is a friction parameter, which cannot vary in time; remove its column"
             )
-    rows = np.vstack([_whole(s, courses[s.name], time, said) for s in signals])
+    rows = np.vstack([_whole(s, courses[s.name], time, warnings) for s in signals])
     slope = np.zeros_like(rows[:, :-1]) if held else np.diff(rows) / np.diff(time)
     course = Gait(time - time[0], np.stack([rows[:, :-1].T, slope.T], axis=2))
     reference = gait_reference(course, model.t, shift=-time[0], periodic=False, name=_DRIVE)
@@ -353,7 +301,7 @@ def _driven(
     )
 
 
-def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) -> np.ndarray:
+def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, warnings: list[str]) -> np.ndarray:
     """Values of all entries of a signal without gaps; entries not recorded keep their value."""
     usual = np.broadcast_to(np.asarray(signal.value, dtype=float), signal.size)
     found = np.tile(usual[:, None], len(time))
@@ -362,7 +310,7 @@ def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) 
         if not there.any():
             continue
         if not there.all():
-            said.append(
+            warnings.append(
                 f"{np.sum(~there)} missing readings of {signal.name}[{k}] are interpolated linearly"
             )
         found[k] = np.interp(time, time[there], row[there])

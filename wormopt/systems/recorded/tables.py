@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import Fault, SceneError
+from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.files import is_there
-from wormopt.study.given import Given, entry, number, positive, says, whole
-from wormopt.study.scene import Scene, load_scene, scene_within
-from wormopt.study.types import Finite, Seed, Title, wrong_order
+from wormopt.study import Given, Scene, Study, entry, load_scene, number, on_use, positive
+from wormopt.study.given import says
+from wormopt.study.members import Member
+from wormopt.study.scene import scene_within
+from wormopt.study.types import Finite, Title, wrong_order
+
+with on_use():
+    import numpy as np
 
 Prior = Annotated[
     tuple[Finite, ...],
@@ -23,7 +29,6 @@ Span = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=2, description="two finite numbers, [first, last]"),
 ]
-Seeds = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Level = Annotated[
     float, Meta(gt=0.5, lt=1, description="a number between 0.5 and 1, for example 0.95")
 ]
@@ -46,17 +51,21 @@ SceneTables = Annotated[
         '`model = "my_worm.py:build"`',
     ),
 ]
-FOUND = {
-    "estimate": ("count", ("unknown",), "estimates, each in its own unit"),
-    "standard_error": ("count", ("unknown",), "standard errors of the estimates"),
-    "interval": ("count", ("unknown", "end"), "confidence intervals, lower and upper end"),
-    "began": ("count", ("unknown",), "initial values of the search"),
-    "correlation": ("count", ("unknown", "other_unknown"), "correlation of the errors"),
-}
-"""Arrays of the estimates in results."""
+Which = Annotated[str, says("", "label of the model, if the scene in `[model]` has several")]
 
 
-class UnknownTable(Given):
+class FromScene(Study):
+    """Base of studies of parameters of another scene, that in `[model]`."""
+
+    model: SceneTables
+
+    def computed(self, member: Member[Any]) -> Any:
+        """Compute a member; numbers that are not finite are found where they matter."""
+        with np.errstate(all="ignore"):
+            return super().computed(member)
+
+
+class Parameter(Given):
     """A parameter to estimate, and prior knowledge of it."""
 
     name: Title = entry("name of the parameter in results")
@@ -121,7 +130,7 @@ class Measured(Given):
         return self.text or self.scalar + (f" with {changes}" if changes else "")
 
 
-class KeyUnknown(UnknownTable):
+class KeyUnknown(Parameter):
     """A parameter of the scene to estimate."""
 
     key: Keys = entry("key of the scene in `[model]`, or a list of keys that share this parameter")
@@ -139,17 +148,13 @@ class KeyUnknown(UnknownTable):
         return self.key if isinstance(self.key, tuple) else (self.key,)
 
 
-class SearchTable(Given):
-    """Starts of the search for the best fit."""
-
-    seeds: int = whole(
-        1,
-        1000,
-        "largest number of starts: the given one, and others spread around it within the "
-        "bounds; the search ends once three starts have ended at the best fit",
-        default=6,
-    )
-    seed: Seed = entry("seed of the random spread of the starts", quantity="count", default=0)
+@contextmanager
+def refused_at(study: Study, key: str) -> Generator[None]:
+    """Refuse a key of a study if an engine object cannot be made of it."""
+    try:
+        yield
+    except ArgumentError as error:
+        raise SceneError(study.name, [(key, str(error))]) from None
 
 
 def named_twice(names: Iterable[str], key: str) -> Iterator[Fault]:

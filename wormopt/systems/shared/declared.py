@@ -138,38 +138,6 @@ JUDGED: Scalars = {
 }
 """Scalars of a chain judged by a tube from its capture time on."""
 
-OPTIMUM: Scalars = {
-    "time": ("time", "duration of the motion"),
-    "objective": ("speed", "value that was minimised; a speed is maximised as its negative"),
-    "input_rms": (
-        "force",
-        "root mean square of \\|*u*\\| over time; unknown if inputs act by impulses",
-    ),
-    "input_peak": ("force", "largest \\|*u*<sub>j</sub>\\|; unknown if inputs act by impulses"),
-    "defect_max": ("share", "largest local error of an arc, relative to nominal sizes of states"),
-    "complementarity_max": (
-        "share",
-        "largest product of a contact's velocity component and the distance of its force from "
-        "sliding",
-    ),
-    "recheck_error": (
-        "share",
-        "largest difference at the end from a simulation with the optimal inputs",
-    ),
-    "solve_iterations": ("count", "iterations of all solves together"),
-    "n_phases": (
-        "count",
-        "number of phases; a phase ends when a contact changes its mode, or an input reaches or "
-        "leaves its limit",
-    ),
-    "mode_sequence": (
-        "count",
-        "modes of all contacts in each phase (0 rests, +1 and −1 slide)",
-    ),
-    "phase_times": ("time", "start times of the phases, and the end time"),
-}
-"""Scalars of every optimal motion."""
-
 COST_OF_TRANSPORT: Scalars = {
     "cost_of_transport": (
         "1",

@@ -61,9 +61,10 @@ class OptimumNumbers:
     """Numbers of an optimal motion."""
 
     duration: float = value("time", "duration of the motion", name="time", headline=True)
-    objective: float = value(
-        "speed", "value that was minimised; a speed is maximised as its negative", headline=True
-    )
+    minimised: float = value(
+        "speed", "value that was minimised; a speed is maximised as its negative",
+        headline=True, name="objective",
+    )  # fmt: skip
     input_rms: float | None = value(
         "force", "root mean square of \\|*u*\\| over time; unknown if inputs act by impulses"
     )
@@ -88,6 +89,25 @@ class OptimumNumbers:
         "count", "modes of all contacts in each phase (0 rests, +1 and −1 slide)"
     )
     phase_times: list[float] = value("time", "start times of the phases, and the end time")
+
+
+def optimum_numbers(optima: Mapping[str, Optimum]) -> OptimumNumbers:
+    """Numbers of programs solved one after another, of which the last is the result."""
+    optimum = [*optima.values()][-1]
+    modes, times = modes_of(optimum)
+    rms, peak = input_sizes(optimum.motion)
+    return OptimumNumbers(
+        duration=optimum.motion.duration,
+        minimised=optimum.objective,
+        input_rms=rms,
+        input_peak=peak,
+        defect_max=float(optimum.defects.max()),
+        complementarity_max=optimum.complementarity,
+        solve_iterations=sum(one.iterations for one in optima.values()),
+        n_phases=len(modes),
+        mode_sequence=modes,
+        phase_times=times,
+    )
 
 
 class OptimalMotion(Study):
@@ -161,20 +181,7 @@ class OptimalMotion(Study):
 
     @parts(OptimumNumbers)
     def numbers(self) -> OptimumNumbers:
-        optimum, (modes, times) = self.optimum, modes_of(self.optimum)
-        rms, peak = input_sizes(optimum.motion)
-        return OptimumNumbers(
-            duration=optimum.motion.duration,
-            objective=optimum.objective,
-            input_rms=rms,
-            input_peak=peak,
-            defect_max=float(optimum.defects.max()),
-            complementarity_max=optimum.complementarity,
-            solve_iterations=sum(one.iterations for one in self.optimisation.optima.values()),
-            n_phases=len(modes),
-            mode_sequence=modes,
-            phase_times=times,
-        )
+        return optimum_numbers(self.optimisation.optima)
 
     @scalar("share", "largest difference at the end from a simulation with the optimal inputs")
     def recheck_error(self) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -22,13 +22,10 @@ from wormopt.ocp.optimise import Optimum
 from wormopt.ocp.structure import structure_of
 from wormopt.ocp.switching import resting_speeds
 from wormopt.progress import Report, silent
-from wormopt.quantities import Scalar, unit_of
-from wormopt.result import Check, Result
+from wormopt.result import Check
 from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.study.conclude import conclude
-from wormopt.study.scene import Scene
 from wormopt.systems.shared.declared import Declared
 from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.shared.signals import fitted
@@ -193,29 +190,6 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
 # -- numbers ---------------------------------------------------------------------------------------
 
 
-def optimum_scalars(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[str, Any]:
-    """Scalars of `OPTIMUM`; inputs are None, unknown, if they act by impulses.
-
-    The last of `stages` is the result, `second` its simulation.
-    """
-    optimum = [*stages.values()][-1]
-    modes, times = modes_of(optimum)
-    rms, peak = input_sizes(optimum.motion)
-    return {
-        "time": optimum.motion.duration,
-        "objective": optimum.objective,
-        "input_rms": rms,
-        "input_peak": peak,
-        "defect_max": float(optimum.defects.max()),
-        "complementarity_max": optimum.complementarity,
-        "recheck_error": second.error,
-        "solve_iterations": sum(o.iterations for o in stages.values()),
-        "n_phases": len(modes),
-        "mode_sequence": modes,
-        "phase_times": times,
-    }
-
-
 def input_sizes(motion: Motion) -> tuple[float | None, float | None]:
     """Root mean square of u over time, and the largest |u_j|; None if inputs act by impulses."""
     if motion.program.problem.impulses:
@@ -248,14 +222,6 @@ def statistics(optimum: Optimum) -> dict[str, Any]:
         "build_s": optimum.build_s,
         "solve_s": optimum.solve_s,
         "functions_s": optimum.functions_s,
-    }
-
-
-def optimum_timings(stages: Mapping[str, Optimum]) -> dict[str, float]:
-    """Seconds to ``build`` and to ``solve`` the programs of all stages."""
-    return {
-        "build": sum(o.build_s for o in stages.values()),
-        "solve": sum(o.solve_s for o in stages.values()),
     }
 
 
@@ -358,44 +324,6 @@ def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
         )
 
 
-def conclude_optimum(
-    scene: Scene[Any],
-    stages: Mapping[str, Optimum],
-    second: CrossCheck,
-    scalars: Mapping[str, Any],
-    variables: Mapping[str, Any],
-    *,
-    objective: str | None = None,
-    checks: Iterable[Check] = (),
-    facts: Mapping[str, Any] | None = None,
-    warnings: Iterable[str] = (),
-    timings: Mapping[str, float],
-    shown: Sequence[str] | None = None,
-) -> Result:
-    """Put an optimal motion into a Result, which is failed if its simulation ends elsewhere.
-
-    The last of `stages` is the result, `second` its simulation. `objective` is its quantity, if
-    not the declared one; `shown` lists the signals to plot in order, all if None.
-    """
-    common = optimum_scalars(stages, second)
-    if objective:
-        common["objective"] = Scalar(common["objective"], unit_of(objective, scene.table.units))
-    motion = [*stages.values()][-1].motion
-    return conclude(
-        scene,
-        {**scalars, **common} | dict(scalars),
-        variables,
-        checks=[replay_check(second), *checks],
-        facts={**optimum_facts(stages, second), **(facts or {})},
-        warnings=warnings,
-        timings={**optimum_timings(stages), **timings},
-        attributes={
-            "contacts": [contact.name for contact in motion.program.problem.model.contacts],
-            "signals": [*(shown or (name for name in variables if name != "instant"))],
-        },
-    )
-
-
 def in_keys(
     error: SolveError,
     keys: Mapping[str, str] = MappingProxyType({}),
@@ -414,16 +342,3 @@ def in_keys(
 
     suggestion = advice.get(error.code) or in_scene(error.suggestion)
     return SolveError(in_scene(error.reason), suggestion, partial, error.code)
-
-
-def refused(
-    scene: Scene[Any],
-    error: SolveError,
-    variables: Any = (),
-    keys: Mapping[str, str] = MappingProxyType({}),
-    advice: Mapping[str, str] = MappingProxyType({}),
-) -> SolveError:
-    """Restate a failure by `in_keys`, with a Result of the partial results `variables`."""
-    found = in_keys(error, keys, advice)
-    found.partial = conclude(scene, {}, variables).failed(str(found))
-    return found

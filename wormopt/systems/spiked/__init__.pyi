@@ -2,14 +2,16 @@ from wormopt.systems.spiked.bimodal import integrate as integrate
 from wormopt.systems.spiked.crawl import Crawl as Crawl
 from wormopt.systems.spiked.declared import DESIGN_SCALARS as DESIGN_SCALARS
 from wormopt.systems.spiked.declared import MOTION_VARIABLES as MOTION_VARIABLES
+from wormopt.systems.spiked.design.design import Design as Design
 from wormopt.systems.spiked.design.optimize import designed as designed
 from wormopt.systems.spiked.design.uncertain import Believed as Believed
 from wormopt.systems.spiked.design.uncertain import Robust as Robust
 from wormopt.systems.spiked.design.uncertain import design_believed as design_believed
 from wormopt.systems.spiked.design.uncertain import load_band as load_band
 from wormopt.systems.spiked.design.uncertain import on_plant as on_plant
+from wormopt.systems.spiked.design_results import DesignReport as DesignReport
 from wormopt.systems.spiked.design_results import of_design as of_design
-from wormopt.systems.spiked.design_results import refused as refused
+from wormopt.systems.spiked.design_results import with_keys as with_keys
 from wormopt.systems.spiked.design_tables import DesignTable as DesignTable
 from wormopt.systems.spiked.driven import driven_worm as driven_worm
 from wormopt.systems.spiked.files import gait_of_shape as gait_of_shape
@@ -19,7 +21,6 @@ from wormopt.systems.spiked.gait_problem import Links as Links
 from wormopt.systems.spiked.gait_problem import Objective as Objective
 from wormopt.systems.spiked.gait_problem import Search as Search
 from wormopt.systems.spiked.gait_problem import Worm as Worm
-from wormopt.systems.spiked.motion import Findings as Findings
 from wormopt.systems.spiked.shapes import AccordionShape as AccordionShape
 from wormopt.systems.spiked.shapes import BlockWaveShape as BlockWaveShape
 from wormopt.systems.spiked.shapes import FileShape as FileShape

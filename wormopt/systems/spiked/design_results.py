@@ -12,8 +12,6 @@ from msgspec import structs
 from wormopt.errors import SolveError
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check, Result
-from wormopt.study.conclude import conclude
-from wormopt.study.scene import Scene
 from wormopt.study.types import per
 from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.declared import MOTION_VARIABLES
@@ -56,13 +54,6 @@ def with_keys(error: SolveError, table: DesignTable) -> SolveError:
         if "motor" in whose and f"gait.{name}" in f"{reason} {suggestion}"
     ]
     return SolveError(reason, "; ".join([suggestion, *notes]), code=error.code)
-
-
-def refused(error: SolveError, scene: Scene[Any]) -> SolveError:
-    """Rewrite the error of a design with the keys of its scene, and add a partial result."""
-    found = with_keys(error, scene.table)
-    found.partial = conclude(scene, {}).failed(str(found))
-    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 from wormopt.errors import Fault
-from wormopt.study.given import entry
-from wormopt.study.types import SceneTable
+from wormopt.study import Study, entry
 from wormopt.systems.spiked.gait_problem import (
     Cost,
     GaitLimits,
@@ -21,7 +19,7 @@ from wormopt.systems.spiked.gait_problem import (
 from wormopt.systems.spiked.stepper.stepper import Motor
 
 
-class DesignTable(SceneTable):
+class DesignTable(Study):
     """Tables shared by all scenes that design gaits."""
 
     worm: Worm = entry("the worm")
@@ -52,11 +50,6 @@ class DesignTable(SceneTable):
     def task(self, objective: Objective) -> GaitProblem:
         """The design problem for the given objective."""
         return GaitProblem(self.worm, self.limits, objective)
-
-    def faults(self, folder: Path) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
-        yield from super().faults(folder)
-        yield from self.faults_of_design()
 
     def faults_of_design(self) -> Iterator[Fault]:
         """Yield what is wrong between worm, limits, motor and search."""

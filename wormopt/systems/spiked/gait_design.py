@@ -14,7 +14,6 @@ from wormopt.model.given import per
 from wormopt.quantities import Scalar, Variable, unit_of, unit_ratio
 from wormopt.result import Check, Result
 from wormopt.study import (
-    Study,
     array,
     arrays,
     attributes,
@@ -71,7 +70,7 @@ _PROOF_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
 }
 
 
-class GaitDesign(Study, DesignTable, kind="gait-design"):
+class GaitDesign(DesignTable, kind="gait-design"):
     """Design the fastest gait within limits on links, spikes and actuators.
 
     Kind [`gait`](gait.md) explains the scalars and variables. Signals and the saved gait cover one

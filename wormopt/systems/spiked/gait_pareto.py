@@ -15,7 +15,6 @@ from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
 from wormopt.study import (
     Given,
-    Study,
     arrays,
     attributes,
     checks,
@@ -38,7 +37,6 @@ from wormopt.systems.spiked.gait_problem import COST_WORDS, Cost, Objective
 with on_use():
     import numpy as np
 
-    from wormopt.study.conclude import conclude
     from wormopt.systems.shared.checkpoints import checkpoints
     from wormopt.systems.shared.sequences import Sequence_, canonical
     from wormopt.systems.spiked.design.design import Design, objective_of
@@ -141,7 +139,7 @@ class Front:
     )
 
 
-class GaitPareto(Study, DesignTable, kind="gait-pareto"):
+class GaitPareto(DesignTable, kind="gait-pareto"):
     """Compute the Pareto front of gaits between speed and a second objective.
 
     Kind [`gait-design`](gait-design.md) explains `[gait]`, `[search]`, `[motor]` and the trust
@@ -251,15 +249,12 @@ class GaitPareto(Study, DesignTable, kind="gait-pareto"):
         if found.ended == "interrupted":
             raise KeyboardInterrupt
         known = of_design(self, found)
-        result = conclude(
-            self.scene,
-            known.scalars | {name: objective_of(found.motion, against)},
-            known.variables,
-            checks=known.checks,
-            facts=known.facts,
-            warnings=known.warnings,
-            attributes={"binding": _binding(found)},
-        )
+        scalars = known.scalars | {name: objective_of(found.motion, against)}
+        result = self.concluded(
+            {name: self.with_unit(name, value) for name, value in scalars.items()},
+            [self.variable(name, values) for name, values in known.variables.items()],
+            known.checks, known.warnings, known.facts, {"binding": _binding(found)},
+        )  # fmt: skip
         _keep(result, folder)
         return Point(result, name)
 

@@ -1,17 +1,14 @@
-"""Findings of gait studies, and the results and checks common to all crawling motions."""
+"""Results and checks common to all crawling motions."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from wormopt.model.gait import Gait
-from wormopt.result import Check, Result
-from wormopt.study.conclude import conclude
-from wormopt.study.scene import Scene
+from wormopt.result import Check
 from wormopt.systems.shared.transport import cost_of_transport
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.crawl import Crawl
@@ -19,34 +16,6 @@ from wormopt.systems.spiked.declared import MOTION_VARIABLES
 
 # Tolerances between the routes: of rates, of loads (in forces), and of balances (in forces).
 _SPEEDS, _LOADS, _BALANCES = 1e-9, 1e-7, 1e-9
-
-
-@dataclass(frozen=True)
-class Findings:
-    """Parts of a result, see `conclude`; `|` joins two."""
-
-    scalars: dict[str, Any] = field(default_factory=dict)
-    variables: dict[str, Any] = field(default_factory=dict)
-    checks: tuple[Check, ...] = ()
-    facts: dict[str, Any] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    timings: dict[str, float] = field(default_factory=dict)
-    attributes: dict[str, Any] = field(default_factory=dict)
-
-    def __or__(self, more: Findings) -> Findings:
-        """Join both; `more` overrides equal names."""
-        pairs = {f.name: (getattr(self, f.name), getattr(more, f.name)) for f in fields(self)}
-        joined = {k: a | b if isinstance(a, dict) else a + b for k, (a, b) in pairs.items()}
-        return Findings(**joined)
-
-    @property
-    def holds(self) -> bool:
-        """Whether all checks passed."""
-        return all(check.passed for check in self.checks)
-
-    def result(self, scene: Scene[Any]) -> Result:
-        """The Result that holds them."""
-        return conclude(scene, **{part.name: getattr(self, part.name) for part in fields(self)})
 
 
 def motion_scalars(motion: Crawl, units: str) -> dict[str, Any]:

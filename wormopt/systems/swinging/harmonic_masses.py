@@ -40,7 +40,6 @@ with on_use():
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain import laws_of
     from wormopt.systems.shared.proof import accepted_error, count_events, warnings_of_motion
-    from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.swinging.prescribed import harmonic_masses, steady_masses
     from wormopt.systems.swinging.steady import (
         Orbit,
@@ -259,10 +258,15 @@ class Masses(Given):
         return float(2 * np.pi / self.frequency * forces / momentum)
 
 
+class Start(Given):
+    """How the simulated motion starts."""
+
+    velocity: float = number("speed", "initial velocity *V* of the centre", default=0.0)
+
+
 class Course(Given):
     """A simulated motion for comparison."""
 
-    velocity: float = number("speed", "initial velocity *V* of the centre", default=0.0)
     periods: int = whole(1, 10000, "duration in periods", default=60)
     samples: int = whole(
         2,
@@ -362,7 +366,7 @@ class Signals:
     relative_velocity: np.ndarray = signal(
         "speed", "mass share", "velocity of the mass relative to the centre"
     )
-    time: np.ndarray = signal("time", "time", "time")
+    times: np.ndarray = signal("time", "time", "time", name="time")
     center_velocity_averaged: np.ndarray = signal(
         "speed", "time", "velocity of the centre, averaged to first order"
     )
@@ -406,7 +410,8 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
         "`reversals`: velocities over a period with their reversals, *V* over time", default=()
     )
     worm: Masses = entry("the masses")
-    course: Course = entry("a simulated motion for comparison", default=Course)
+    start: Start = entry("start of a simulated motion for comparison", default=Start)
+    time: Course = entry("its duration", default=Course)
     averaging: AveragingTable = entry("computation of the averages", default=AveragingTable)
     tolerance: ToleranceTable = entry("how exact simulations are", default=ToleranceTable)
 
@@ -442,7 +447,7 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
     @cached_property
     def chosen(self) -> int:
         """Index of the steady velocity to which the motion converges."""
-        return tends_to(self.course.velocity, self.averages.first, _ON * self.size)
+        return tends_to(self.start.velocity, self.averages.first, _ON * self.size)
 
     @property
     def steady(self) -> Steady:
@@ -458,11 +463,11 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
     @stage
     def exact(self) -> ExactMotions:
         """Find the periodic motions near the steady velocities, and the motion asked for."""
-        course, found = self.course, self.averages
+        time, found = self.time, self.averages
         runner = Runner(
             measured(self.worm.model(place=True)),
             self.worm.period,
-            tolerance_of(self.tolerance),
+            self.tolerance.options,
             self.report,
         )
         tried = [
@@ -470,7 +475,7 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
             for f, s in zip(found.first, found.second, strict=True)
         ]
         motion, no_motion = attempt(
-            partial(runner.run, course.velocity, course.periods, course.samples)
+            partial(runner.run, self.start.velocity, time.periods, time.samples)
         )
         lost = [str(error) for error in (tried[self.chosen][1], no_motion) if error]
         return ExactMotions([orbit for orbit, _ in tried], motion, lost[0] if lost else "")
@@ -482,21 +487,21 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
 
     @stage
     def averaged_course(self) -> Trajectory:
-        end = self.course.periods * self.worm.period
+        end = self.time.periods * self.worm.period
         stiff = self.worm.smallness > 1.0  # it converges within a period
         return simulate(
             self.slow(1, self.averaging.nodes).averaged,
             end,
-            x0={"center_velocity": self.course.velocity},
-            times=np.linspace(0.0, end, self.course.samples),
-            tolerance=tolerance_of(self.tolerance),
+            x0={"center_velocity": self.start.velocity},
+            times=np.linspace(0.0, end, self.time.samples),
+            tolerance=self.tolerance.options,
             route="radau" if stiff else "auto",
         )
 
     @property
     def accepted(self) -> float:
         """Accepted error of exact velocities."""
-        return accepted_error(tolerance_of(self.tolerance)) * self.size
+        return accepted_error(self.tolerance.options) * self.size
 
     # -- results -----------------------------------------------------------------------------------
 
@@ -547,7 +552,7 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
         return Signals(
             share=theta,
             relative_velocity=self.worm.relative_velocities(theta),
-            time=averaged.time,
+            times=averaged.time,
             center_velocity_averaged=averaged["center_velocity"][0],
             center_velocity=course and course["center_velocity"][0],
             center=course and course["center"][0],
@@ -675,7 +680,7 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
             if left > 0.01 * self.size:
                 yield (
                     f"the motion ends {left:.2g} away from the steady motion; write more "
-                    "course.periods"
+                    "time.periods"
                 )
         yield from warnings_of_motion(orbit.motion, orbit.second)
 

@@ -274,7 +274,7 @@ class Runner:
         raise SolveError(
             f"no periodic motion was found near the velocity {guess:.6g}: after a period the "
             f"velocity differs by {best[0]:.2g}",
-            "write smaller friction, or another velocity in [course]",
+            "write smaller friction, or another start.velocity",
             code="no_periodic_motion",
         )
 

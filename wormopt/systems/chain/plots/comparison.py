@@ -62,18 +62,17 @@ def comparison(result: Result) -> Figure:
         axes = panels.ravel()[k]
         axes.set_xlabel(label("time $t$", result["time"].unit))
         axes.tick_params(labelbottom=True)
-    prices = below.subgridspec(1, len(references)).subplots(
+    efforts = below.subgridspec(1, len(references)).subplots(
         sharex=True, sharey=True, squeeze=False
     )[0]
-    for k, axes in enumerate(prices):
-        _draw_prices(axes, result, k)
+    for k, axes in enumerate(efforts):
+        _draw_errors_over_input(axes, result, k)
         axes.set_xlabel(label("rms of $u$", result["drawn_input_rms"].unit))
         axes.set_title(wrapped(f"a to {ascii_lowercase[len(names) - 1]} for {references[k]}",
                                room(len(references))))  # fmt: skip
-    prices[0].set_ylabel(label("largest $|e|$\nafter capture", result["error_norm"].unit))
-    told = [line(name, *_style(k)) for k, name in enumerate(references)]
+    efforts[0].set_ylabel(label("largest $|e|$\nafter capture", result["error_norm"].unit))
     legend_below(drawn, [
-        *told,
+        *(line(name, *_style(k)) for k, name in enumerate(references)),
         line(r"$\lambda$, radius of the tube", GREY, LIMIT, 0.8),
         line("90 % of the drawn plants", GREY, "-", 0.8),
     ])  # fmt: skip
@@ -102,18 +101,18 @@ def _draw_errors(axes: Axes, result: Result, rival: int) -> None:
     axes.margins(x=0)
 
 
-def _draw_prices(axes: Axes, result: Result, reference: int) -> None:
+def _draw_errors_over_input(axes: Axes, result: Result, reference: int) -> None:
     """Letters for the nominal plant; crosses extend over most of the other plants."""
     names = ("input_rms", "error_peak")
     points = np.array([_numbers(result, name, reference) for name in names]).T
     drawn = [result[f"drawn_{name}"].values[reference] for name in names]
     for k, point in enumerate(points):
         for across, (values, centre) in enumerate(zip(drawn, point, strict=True)):
-            seen = values[k][np.isfinite(values[k])]
-            if seen.size and np.isfinite(centre):
-                ends = np.quantile(seen, _ENDS)
-                still = [point[1 - across]] * 2
-                axes.plot(*((still, ends) if across else (ends, still)), color=GREY, linewidth=0.8)
+            finite = values[k][np.isfinite(values[k])]
+            if finite.size and np.isfinite(centre):
+                ends = np.quantile(finite, _ENDS)
+                same = [point[1 - across]] * 2
+                axes.plot(*((same, ends) if across else (ends, same)), color=GREY, linewidth=0.8)
     axes.axhline(needed(result, "tube_radius"), color=GREY, linestyle=LIMIT, linewidth=0.8)
     axes.set_yscale("log")
     for letters, (x, y) in _together(points):
@@ -180,14 +179,14 @@ def draws(result: Result) -> Figure:
 
 def _draw_boxes(axes: Axes, result: Result, name: str, reference: int) -> None:
     rows = result[f"drawn_{name}"].values[reference]
-    believed = _numbers(result, name, reference)
+    nominal = _numbers(result, name, reference)
     for k, values in enumerate(rows):
-        seen = values[np.isfinite(values)]
-        if seen.size:
-            low, lower, middle, upper, high = np.quantile(seen, (0.05, 0.25, 0.5, 0.75, 0.95))
+        finite = values[np.isfinite(values)]
+        if finite.size:
+            low, lower, middle, upper, high = np.quantile(finite, (0.05, 0.25, 0.5, 0.75, 0.95))
             axes.plot([low, high], [k, k], color=GREY, linewidth=1)
             axes.barh(k, upper - lower, left=lower, height=0.6, color=LINKS[0], alpha=0.45)
             axes.plot([middle, middle], [k - 0.3, k + 0.3], color="black")
-        axes.plot(believed[k], k, "x", color=LINKS[3], markersize=4.5, markeredgewidth=1.2)
+        axes.plot(nominal[k], k, "x", color=LINKS[3], markersize=4.5, markeredgewidth=1.2)
     axes.grid(visible=False, axis="y")
     axes.margins(x=0.04)

@@ -118,9 +118,9 @@ def estimates(result: Result) -> Figure:
             if name.split(" ")[0] != kind:
                 continue
             number = int(name.split(" ")[1]) if " " in name else 0
-            for member, course in enumerate(values[k]):
+            for member, ratios in enumerate(values[k]):
                 colour = MASSES[member % len(MASSES)]
-                axes.plot(time, course, color=colour, linestyle=DASHES[number % 4], linewidth=0.9)
+                axes.plot(time, ratios, color=colour, linestyle=DASHES[number % 4], linewidth=0.9)
         axes.axhline(1.0, color="black", linewidth=0.8)
         axes.set_title(kind.replace("_", " "))
         axes.set_ylabel("estimate / truth")
@@ -129,10 +129,10 @@ def estimates(result: Result) -> Figure:
     for axes in panels[max(0, len(kinds) - columns) : len(kinds)]:
         axes.set_xlabel(label("time $t$", result["time"].unit))
         axes.tick_params(labelbottom=True)
-    told = [line(words, GREY, DASHES[k]) for k, words in enumerate(_numbered(names))]
+    entries = [line(words, GREY, DASHES[k]) for k, words in enumerate(_numbered(names))]
     plants = values.shape[1]
-    told += [line(f"plant {k}", MASSES[k]) for k in range(plants) if plants <= len(MASSES)]
-    legend_below(drawn, told)
+    entries += [line(f"plant {k}", MASSES[k]) for k in range(plants) if plants <= len(MASSES)]
+    legend_below(drawn, entries)
     tell(drawn, "a colour for each plant")
     return drawn
 

@@ -48,7 +48,7 @@ def switching_problem(
     ]
     if limits.speed is not None:
         slowest = limits.speed
-        bounds.append(Constraint("aim.speed", way / ends.duration, slowest, nominal=slowest))
+        bounds.append(Constraint("objective.speed", way / ends.duration, slowest, nominal=slowest))
     if contact is not None:
         # the length is constant at the wall, so its mean there gives it in one equation
         above = (model["anchored"] * (model["length"] - contact))[holding.tolist()]

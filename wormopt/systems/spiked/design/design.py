@@ -26,7 +26,7 @@ from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.canonical import chosen
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Search
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
-from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.search.trial import BENT, Trial, Trier
 from wormopt.systems.spiked.verify import in_steps, speed_of, violations
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
 _RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000, 5
-# Degree of velocities where drag bends them, and most steps of a climb between two halvings.
-_DRAGGED, _STEPS = 3, 15
+# Most steps of a climb between two halvings.
+_STEPS = 15
 # Trials within this share of the best are sharpened too: one of them may end higher.
 _CLOSE, _TIE = 2e-3, 1e-8
 # or within this multiple of the gain of the best by sharpening.
@@ -477,8 +477,8 @@ def _sharpen(
 def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Trial, float]:
     """Halve arcs while that gains something; with drag optimal velocities bend: degrees first."""
     error, dragged = np.inf, bool(trier.task.worm.drag)
-    if dragged and trial.program.degree < _DRAGGED:
-        degree = _DRAGGED if len(trial.point.x) < _MOST_UNKNOWNS // 2 else 2
+    if dragged and trial.program.degree < BENT:
+        degree = BENT if len(trial.point.x) < _MOST_UNKNOWNS // 2 else 2
         bent = trier.finer(trial, 1e-6, degree, parts=1, steps=_STEPS)
         error = (bent.value - trial.value) / abs(trial.value or 1.0)
         trial = bent

@@ -40,7 +40,7 @@ _ARCS = 6
 _POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
 # Halving the arcs ends where they become too many.
 _MOST_UNKNOWNS, _MOST_HALVINGS = 1000, 5
-# Number of best trials from which smooth costs are minimised.
+# Number of best trials that are resolved, and from which smooth costs are minimised.
 _POLISHED = 2
 # Resolving the energy ends where halving gains less than this share of the whole; limits count as
 # kept that are exceeded by less.
@@ -70,7 +70,8 @@ def smoothest(
     if solved is not None:
         found.append(_of_solved(task, solved, survey, bound, error_of_solved, ended))
     if known:
-        found.append(of_trial(task, trials[0], error, bound, survey, ended))
+        own = [of_trial(task, t, error, bound, survey, ended) for t in trials[: 2 * _POLISHED]]
+        found.append(next((one for one in own if _cost(one) < np.inf), own[0]))
     if found:
         return min(found, key=_cost)
     if ended == "interrupted":
@@ -88,21 +89,32 @@ def _cost(found: Design) -> float:
 def _resolved(
     task: GaitProblem, settings: Search, trials: list[Trial], report: Report
 ) -> tuple[list[Trial], float]:
-    """Halve arcs of the best trials while that helps; best first, and its last relative gain."""
-    trier, found = Trier(task), []
-    for trial in trials[: 4 * effort_of(settings).width]:
-        report("resolving the best orders", 0.85)
-        gained = np.inf
-        for _ in range(_MOST_HALVINGS):
-            if len(trial.point.x) > _MOST_UNKNOWNS / 4:
-                break
-            finer = trier.finer(trial, 1e-6)
-            trial, gained = finer, (finer.value - trial.value) / abs(finer.cost)
-            if gained <= _GAINED:
-                break
-        found.append((trial, gained))
+    """Halve arcs of the best trials while that helps; best first, and its last relative gain.
+
+    All of few unknowns first; then the best of them, which take longer.
+    """
+    trier = Trier(task)
+    report("resolving the best orders", 0.85)
+    few = ((trial, np.inf) for trial in trials[: 4 * effort_of(settings).width])
+    found = [_halved(trier, *one, _MOST_UNKNOWNS / 4) for one in few]
+    found.sort(key=lambda one: -one[0].value)
+    # what is finer may exceed its limits by what the solver is off: coarse ones stay too
+    found += [_halved(trier, *one, _MOST_UNKNOWNS) for one in found[:_POLISHED]]
     found.sort(key=lambda one: -one[0].value)
     return [trial for trial, _ in found], found[0][1]
+
+
+def _halved(trier: Trier, trial: Trial, gained: float, most: float) -> tuple[Trial, float]:
+    """Halve arcs until that gains little or the unknowns are more than `most`.
+
+    Gives the last relative gain too, `gained` where there is none.
+    """
+    for _ in range(_MOST_HALVINGS):
+        if gained <= _GAINED or len(trial.point.x) > most:
+            break
+        finer = trier.finer(trial, 1e-6)
+        trial, gained = finer, (finer.value - trial.value) / abs(finer.cost)
+    return trial, gained
 
 
 def _solved(
@@ -110,7 +122,9 @@ def _solved(
 ) -> tuple[Solved | None, float]:
     """The best solution from some trials, refined where those are not resolved, and its error."""
     resolved = is_energy(task)
-    found = [s for trial in trials[: 1 if resolved else None] if (s := solve_cost(task, trial))]
+    if resolved:  # of more arcs it gains nothing, after seconds
+        trials = [trial for trial in trials[:1] if len(trial.point.x) <= _MOST_UNKNOWNS]
+    found = [s for trial in trials if (s := solve_cost(task, trial))]
     best = min(found, key=lambda s: s.objective, default=None)
     if best is None or resolved or ended not in DONE:
         return best, error

@@ -151,7 +151,10 @@ class Trier:
         counts = {max(1, ceil(self.shortest / period / _UP))}
         if max(counts) * period > self.longest * _UP:  # no number of whole periods is in the range
             counts.add(max(1, floor(self.longest / period * _UP)))
-        fitted = (self.fitted(trial, count) for count in sorted(counts))
+        fitted = [self.fitted(trial, count) for count in sorted(counts)]
+        if not any(fitted) and self.task.objective.speed is not None:
+            # what costs least has no speed to spare: what is fast enough is sought anew
+            fitted = [self.near(trial.sequence, trial.durations, count) for count in sorted(counts)]
         return [t for t in fitted if t is not None]
 
     def _fewer_cycles(self, best: Trial) -> Trial:
@@ -213,7 +216,7 @@ class Trier:
             if fast is None:
                 return None
             same = fast.program
-            program = type(same)(self.task, same.sequence, period, same.arcs)
+            program = type(same)(self.task, same.sequence, period, same.arcs, same.degree)
             if has_cost_columns(self.task):
                 # a cost that is no peak asks for the motion itself: it is feasible there too
                 begin = program.moving(*same.motion(fast.point))
@@ -241,10 +244,20 @@ class Trier:
         )
         self._count(program.bilinear)
         fast = Trial(program, reached)
-        for _ in range(_MOST_FINER):
+        if not self.task.worm.drag or not _NEARLY * required <= fast.value < required:
+            return fastest._as_fast(fast, required, _MOST_FINER)
+        # with drag the fastest velocities bend, which straight ones approach slowly
+        bent = fastest._as_fast(fastest.finer(fast, 1e-6, BENT, parts=1), required, _MOST_FINER)
+        if bent is None or not has_cost_columns(self.task):
+            return bent
+        return fastest._as_fast(fast, required, _MOST_STRAIGHT)
+
+    def _as_fast(self, fast: Trial, required: float, most: int) -> Trial | None:
+        """Halve arcs at most so often until the required speed is reached, if it is near."""
+        for _ in range(most):
             if not _NEARLY * required <= fast.value < required:
                 break
-            fast = fastest.finer(fast, 1e-6)
+            fast = self.finer(fast, 1e-6)
         return fast if fast.value >= required else None
 
     def climbed(
@@ -324,8 +337,11 @@ _UP = 1 + 1e-9
 _NEARNESS = (0.05, 0.4, np.inf)
 # A free period is no longer than so many times the first guess, and no shorter than this share.
 _LONGEST, _SHORTEST = 20.0, 1e-4
-# A required speed may be out of reach by this share before arcs are halved, up to so many times;
+# A required speed may be out of reach by this share before arcs are halved, up to so many times,
+# and where only straight velocities are left to reach it up to so many;
 # and one that is exceeded by this share leaves room to lower a cost.
-_NEARLY, _MOST_FINER, _AMPLY = 0.95, 3, 1.02
+_NEARLY, _MOST_FINER, _MOST_STRAIGHT, _AMPLY = 0.95, 3, 7, 1.02
+# Degree of velocities where drag bends them.
+BENT = 3
 # Most rounds in which other patterns of unloaded spikes are tried.
 _FLIPS = 4

@@ -1,0 +1,1 @@
+"""Methods that compute without wormopt's solvers, for tests, benchmarks and stress tests."""

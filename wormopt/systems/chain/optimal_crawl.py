@@ -1,0 +1,661 @@
+"""Kind "optimal-crawl": the best periodic inputs of a chain that crawls on dry friction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain
+from typing import Annotated, Any, ClassVar, Literal
+
+from msgspec import Meta
+
+from wormopt.errors import Fault, SceneError, SolveError
+from wormopt.progress import Report
+from wormopt.quantities import Scalar, unit_of
+from wormopt.result import Check, Result
+from wormopt.study import (
+    Given,
+    arrays,
+    attributes,
+    checks,
+    entry,
+    facts,
+    number,
+    on_use,
+    parts,
+    scalar,
+    scalars,
+    signal,
+    stage,
+    value,
+    warnings,
+    whole,
+)
+from wormopt.study.members import AbsentError
+from wormopt.study.numerics import MeshTable, Start
+from wormopt.study.types import Seed, per
+from wormopt.systems.chain.tables import Aim, ChainTable, CrawlLimits
+from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, over
+from wormopt.systems.shared.optimal_motion import OptimalMotion
+from wormopt.systems.shared.transport import assumed, cost_of_transport
+from wormopt.systems.spiked import why_unreadable
+
+with on_use():
+    import casadi as ca
+    import numpy as np
+
+    from wormopt.control.drive import drive
+    from wormopt.model.model import Model
+    from wormopt.numerics.collocation import Collocation
+    from wormopt.ocp.contact import Complementarity, Regularised
+    from wormopt.ocp.mesh import Mesh
+    from wormopt.ocp.motion import Guess, Motion
+    from wormopt.ocp.optimise import Optimum, optimise, optimise_multistart
+    from wormopt.ocp.problem import Problem
+    from wormopt.ocp.structure import structure_of
+    from wormopt.ocp.switching import optimise_switching_times, resting_speeds
+    from wormopt.simulation.simulate import simulate
+    from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
+    from wormopt.systems.chain.dynamic import PERIODS, crawl_problem, sine_guess
+    from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
+    from wormopt.systems.shared.optimum import ACCEPTED, modes_of, warnings_of_reading
+    from wormopt.systems.shared.signals import chain_expressions
+
+_SIGNALS = INSTANT | over(CHAIN_SIGNALS, last="instant")
+_SHOWN = ("length", "velocity", "contact_force", "input")
+# Samples of a motion that determine its size and its cycles.
+_SAMPLES = 512
+# State polynomials between switches.
+_DEGREE = 7
+# Accepted end error of the simulation of a crawl with contact on a grid.
+_ACCEPTED_ON_GRID = 2e-2
+# Arcs of the finer grid where contact stays on a grid, against the first grid.
+_FINER = 2
+# Arcs that a phase needs to be seen, on average, and shorter periods that are tried.
+_ARCS_A_PHASE, _SHORTER = 3, 2
+# The least friction counts, but at least this share of the largest.
+_FRICTION = 1e-2
+# Largest input in nominal sizes.
+_USUAL_SIZES = 20.0
+# Widths of the smoothed law that show its order of convergence.
+_WIDTHS = 5
+
+
+class Search(Given):
+    """Starting points of the search. Results are local optima; strong actuators have many."""
+
+    starts: int = whole(
+        1,
+        1000,
+        "number of starts; each is the last period of a simulation with different sine inputs",
+        default=1,
+    )
+    seed: Seed = entry("seed of the starts", default=0)
+    result: Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None = (
+        entry(
+            "start from the crawl of an earlier result with the same number of links instead; "
+            "path relative to the scene's folder",
+            default=None,
+        )
+    )
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield a fault for several starts beside an earlier result."""
+        if self.result is not None and self.starts > 1:
+            yield "result", "gives a single start; leave out search.starts or search.result"
+
+
+class Robust(Given):
+    """One input for several chains with randomly drawn parameters.
+
+    Masses, stiffness, damping and friction are drawn around the scene's values. Contact is then a
+    complementarity condition on the grid of `[mesh]`, which is not exact. `speed_simulated` lists
+    the speed of each chain after many periods. Not allowed: `minimise`, and `want =
+    ["convergence"]`.
+    """
+
+    draws: int = whole(1, 20, "number of chains besides the nominal one", default=4)
+    spread: float = number(
+        "share",
+        "half width of the range, as a share of the nominal value",
+        above=0,
+        below=1,
+        default=0.3,
+    )
+    seed: Seed = entry("seed of the drawn chains", default=0)
+    judge: Literal["mean", "worst"] = entry(
+        "criterion: the average speed of the chains, or the speed of the slowest", default="mean"
+    )
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Convergence of relaxed contact to exact contact: narrower laws, and finer grids."""
+
+    width: np.ndarray = signal("speed", "width", "width of the smoothed friction law")
+    smoothed_error: np.ndarray = signal("speed", "width", "error with the smoothed friction law")
+    arcs: np.ndarray = signal("count", "arcs", "arcs of the grid")
+    complementarity_error: np.ndarray = signal(
+        "speed", "arcs", "error with complementarity on the grid"
+    )
+    order_smoothed: float = value(
+        "1", "order of convergence: slope of the errors over the smoothing width (convergence)"
+    )
+    order_complementarity: float = value(
+        "1", "order of convergence: slope of the errors over the grid (convergence)"
+    )
+    objective_smoothed: float = value(
+        "speed", "objective at the least smoothing width (convergence)"
+    )
+    objective_smoothed_error_bar: float = value(
+        "speed", "estimated error of the same, without the exact answer (convergence)"
+    )
+    objective_complementarity: float = value("speed", "objective on the finest grid (convergence)")
+    objective_complementarity_error_bar: float = value(
+        "speed", "estimated error of the same, without the exact answer (convergence)"
+    )
+    same_modes: bool = value(
+        "1", "whether both show the contact modes of the exact crawl (convergence)"
+    )
+
+    @property
+    def doubts(self) -> Iterator[str]:
+        """Warnings of error estimates that are too small."""
+        for name in ("smoothed", "complementarity"):
+            error = getattr(self, f"{name}_error")[-1]
+            if abs(error) > getattr(self, f"objective_{name}_error_bar"):
+                yield f"the estimated error with {name} contact does not cover the exact objective"
+
+
+class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
+    """Optimise the inputs of a chain that crawls on dry friction: fastest or cheapest.
+
+    It finds the periodic inputs with which the chain crawls fastest, or at the least energy.
+    Velocities repeat after a period; positions advance by the same amount. Contact is exact dry
+    friction: a relaxed solve finds which masses rest when, a second solve optimises the switching
+    times, and an exact simulation repeats the motion with the inputs found. See
+    [optimal.md](../optimal.md).
+
+    If the crawl repeats within the period, results describe a single cycle, and a warning gives the
+    number of cycles. If the relaxed motion shows no distinct phases, contact stays a
+    complementarity condition on a finer grid, and a warning says so.
+
+    `[mesh]` is the mesh of the relaxed solve, with 60 arcs by default; its `tolerance` is that of
+    the exact solve. The arrays contain the instants at which arcs join twice.
+    """
+
+    pictures: ClassVar = {
+        name: f"wormopt.systems.chain.plots.optimum:{name}" for name in ("signals", "convergence")
+    }
+    wanted: ClassVar = ("convergence",)
+    headline: ClassVar = (
+        "speed",
+        "speed_simulated",
+        "cost_of_transport",
+        "objective",
+        "time",
+        "input_peak",
+        "mode_sequence",
+    )
+    keys_of_names: ClassVar = {
+        "input": "limits.force",
+        "inputs": "limits.force",
+        "states": "limits.length",
+        "duration": "limits.period",
+        "arcs": "mesh.arcs",
+    }
+    advice_by_code: ClassVar = {
+        "not_solved": "write search.starts = 5, another number of mesh.arcs, or wider "
+        "limits.length, limits.force or limits.period",
+    }
+
+    want: tuple[Literal["signals", "convergence"], ...] = entry(
+        "`signals`: signals over time; `convergence`: further solves with smoothed contact "
+        "and on finer grids, and their convergence to the exact answer (about half a minute "
+        "more)",
+        default=(),
+    )
+    worm: ChainTable = entry("the chain, with `friction` and without `random`")
+    limits: CrawlLimits = entry("limits of the crawl")
+    objective: Aim = entry("objective of the crawl")
+    mesh: MeshTable = entry("mesh in time", default=MeshTable(arcs=60))
+    search: Search = entry("starting points of the search", default=Search)
+    robust: Robust | None = entry(
+        "design for several chains; default: a single chain", default=None
+    )
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield what no single key shows."""
+        yield from self.worm.faults(1.0, self.units)
+        if self.worm.random is not None:
+            yield (
+                "worm.random",
+                "is not allowed, since an optimal crawl belongs to a known chain; write [robust] "
+                "instead",
+            )
+        if self.worm.friction is None:
+            yield "worm.friction", "missing, and a chain cannot crawl without friction; add it"
+        earlier = self.search.result
+        if earlier is not None and (unreadable := why_unreadable(self.folder / earlier)):
+            yield "search.result", f'"{earlier}" cannot be read from {self.folder}: {unreadable}'
+        if self.robust is not None:
+            yield from self._faults_of_robust()
+
+    def _faults_of_robust(self) -> Iterator[Fault]:
+        if self.objective.minimise:
+            yield "objective.minimise", 'is not supported with [robust]; write maximise = "speed"'
+        if self.search.result is not None:
+            what = "belongs to a single chain; leave out [robust] or search.result"
+            yield "search.result", what
+        if self.worm.slope:
+            yield (
+                "worm.slope",
+                "is not allowed, since masses drawn by [robust] would change the weights; write "
+                "worm.load",
+            )
+        if "convergence" in self.want:
+            yield "want", '"convergence" needs a single chain; leave out [robust] or "convergence"'
+
+    @property
+    def single_chain(self) -> bool:
+        """Whether the crawl is designed for one chain."""
+        return self.robust is None
+
+    # -- the problem -------------------------------------------------------------------------------
+
+    @cached_property
+    def plant(self) -> Model:
+        """The nominal chain, in usual sizes of its rest lengths and periods."""
+        rest = float(np.mean(per(self.worm.rest_length, self.worm.links)))
+        size = rest / 2 if rest > 0 else 1.0
+        links = draw_links(self.worm, 1.0)
+        return build_chain(self.worm, Start(), links, size, self.limits.period_range[1])
+
+    @cached_property
+    def draws(self) -> list[dict[str, np.ndarray]]:
+        """Parameters of each chain that differ from the nominal ones; the first is nominal."""
+        if self.robust is None:
+            return [{}]
+        random, own = np.random.default_rng(self.robust.seed), numbers_of(self.plant)
+        factors = [draw_factors(own, self.robust.spread, random) for _ in range(self.robust.draws)]
+        return [{}, *({name: own[name] * f for name, f in drawn.items()} for drawn in factors)]
+
+    def sized(self, near: Guess) -> Model:
+        """Scale the plant by the speed of a similar motion, and by friction.
+
+        Masses and periods alone give forces that are too small by orders of magnitude for light
+        worms.
+        """
+        plant, masses, force = self.plant, self.worm.links + 1, self.limits.force
+        states = near.states(np.linspace(0.0, near.duration, _SAMPLES))
+        speed = float(np.sqrt(np.mean(states[masses : 2 * masses] ** 2)))
+        position, velocity = plant.x
+        velocity = replace(velocity, nominal=max(speed, velocity.nominal / 10))
+        held = [end for law in laws_of(self.worm) for end in law.stick_interval]
+        sizes = np.abs(np.array(held, dtype=float))
+        sizes = np.minimum(sizes[sizes > 0], force)
+        friction = float(max(sizes.min(), _FRICTION * sizes.max()) if len(sizes) else force)
+        return replace(
+            plant,
+            x=[position, velocity],
+            u=[replace(u, nominal=max(friction, force / _USUAL_SIZES)) for u in plant.u],
+            contacts=[
+                replace(c, nominal_force=friction, nominal_speed=velocity.nominal)
+                for c in plant.contacts
+            ],
+        )
+
+    def problem(self, near: Guess) -> Problem:
+        """State the problem in the sizes of a similar motion."""
+        plant = self.sized(near)
+        if self.robust is None:
+            return crawl_problem(plant, self.limits, self.objective)
+        copies = scenario_model(plant, self.draws)
+        return crawl_problem(copies, self.limits, self.objective, self.robust.judge)
+
+    # -- solving -----------------------------------------------------------------------------------
+
+    def guesses(self) -> Iterator[Guess]:
+        """Yield the earlier crawl, or motions under sine inputs.
+
+        The first sines have phases that run along the worm, the others random phases.
+        """
+        if self.search.result is not None:
+            yield self._earlier(self.search.result)
+            return
+        period, force = sum(self.limits.period_range) / 2, self.limits.force
+        for start in range(self.search.starts):
+            random = np.random.default_rng([self.search.seed, start])
+            phase = random.uniform(0, 2 * np.pi, self.worm.links) if start else None
+            share = random.uniform(0.3, 1.0) if start else 1.0
+            yield sine_guess(self.plant, period, share * force, phase, len(self.draws))
+
+    def _earlier(self, name: str) -> Guess:
+        """Read the crawl of an earlier result; SceneError if it has none that fits."""
+        try:
+            earlier = Result.load(self.folder / name)
+            t = earlier["instant"].values
+            states = np.vstack([earlier["position"].values, earlier["velocity"].values])
+            inputs, forces = earlier["input"].values, earlier["contact_force"].values
+        except (OSError, ValueError, KeyError) as error:
+            message = f"{name} does not contain the crawl of a single worm: {error}"
+            raise SceneError(self.name, [("search.result", message)]) from None
+        if len(inputs) != self.worm.links:
+            message = f"{name} has {len(inputs)} links; write a result with {self.worm.links}"
+            raise SceneError(self.name, [("search.result", message)])
+        course = _polyline(t, inputs)
+        return Guess(float(t[-1]), _polyline(t, states), course, _polyline(t, forces))
+
+    @cached_property
+    def relaxed(self) -> tuple[Optimum, tuple[float, ...]]:
+        """The crawl with relaxed contact, and the objectives of all starts."""
+        starts = self.guesses()
+        first = next(starts)
+        mesh = Mesh.even(1, self.mesh.arcs, Collocation(self.mesh.degree, self.mesh.scheme))
+        starts = chain([first], starts)
+        return optimise_multistart(
+            self.problem(first), mesh, _only_phases(), starts, report=self.report
+        )
+
+    def solve(self) -> dict[str, Optimum]:
+        """Solve with relaxed contact, then with free switching times, or on a finer grid."""
+        try:
+            return self._solve(self.relaxed[0])
+        except SolveError as error:
+            if error.code != "not_solved":
+                raise
+            # the solver's messages on equations do not help the user
+            what = "no crawl was found within limits.period, limits.force and limits.length"
+            raise SolveError(what, error.suggestion, error.partial, error.code) from None
+
+    def _solve(self, relaxed: Optimum) -> dict[str, Optimum]:
+        if self.robust is not None:
+            return {"complementarity": relaxed}
+        mesh, period = relaxed.motion.mesh, self.limits.period_range
+        for _ in range(_SHORTER):
+            cycles = cycles_of(relaxed.motion)
+            if _resolved(relaxed) or cycles == 1:
+                break
+            self.report(f"solving a period of 1/{cycles}", None)
+            guess = relaxed.motion.guess
+            guess = replace(guess, duration=guess.duration / cycles)
+            period = period[0] / cycles, period[1] / cycles
+            problem = replace(self.problem(guess), duration=period)
+            relaxed = optimise(problem, mesh, _only_phases(), guess, report=self.report)
+        if _resolved(relaxed):
+            self.report("polishing", 0.6)
+            with suppress(SolveError):
+                exact = optimise_switching_times(
+                    relaxed,
+                    collocation=Collocation(_DEGREE),
+                    tolerance=self.mesh.tolerance,
+                    report=self.report,
+                )
+                return {"complementarity": relaxed, "phases": exact}
+        self.report("solving on a finer grid", 0.7)
+        guess, grid = relaxed.motion.guess, Mesh.even(1, _FINER * mesh.total, mesh.collocation)
+        problem = replace(self.problem(guess), duration=period)
+        tight = Complementarity(residual=1e-4, first=1e-4)
+        fine = optimise(problem, grid, tight, guess, report=self.report)
+        return {"complementarity": relaxed, "grid": fine}
+
+    @property
+    def exact(self) -> bool:
+        """Whether contact is exact: phases with free switching times."""
+        return "phases" in self.optimisation.optima
+
+    @property
+    def accepted(self) -> float:
+        """Largest accepted difference between the ends of the optimum and of its simulation."""
+        return ACCEPTED if self.exact else _ACCEPTED_ON_GRID
+
+    @property
+    def defect(self) -> float:
+        """Local error of an arc that is asked for."""
+        return self.mesh.tolerance if self.exact else math.inf
+
+    # -- speeds ------------------------------------------------------------------------------------
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """States at the start and at the end of the crawl."""
+        return self.motion.states(np.array([0.0, self.motion.duration]))
+
+    @cached_property
+    def advances(self) -> np.ndarray:
+        """Advance of each chain in a period."""
+        heads = self.ends[:: 2 * (self.worm.links + 1)]
+        return heads[:, 1] - heads[:, 0]
+
+    @stage
+    def simulated_speeds(self) -> list[float]:
+        """Speed of each chain in the last of several simulated periods."""
+        self.report("simulating the crawl", 0.95)
+        period, masses = self.motion.duration, self.worm.links + 1
+        driven = drive(self.plant, self.motion.input_course(), periodic=True)
+        begin = {"position": self.ends[:masses, 0], "velocity": self.ends[masses : 2 * masses, 0]}
+        span = (2 if self.single_chain else 4 * PERIODS) * period
+        speeds: list[float] = []
+        for draw in self.draws:
+            run = simulate(driven, span, x0=begin, p=dict(draw), dense=True)
+            assert run.dense is not None
+            x = run.dense(np.array([span - period, span]))[0]
+            speeds.append((x[1] - x[0]) / period)
+        return speeds
+
+    @scalar("length", "distance travelled in a period")
+    def advance(self) -> float:
+        return float(np.mean(self.advances))
+
+    @scalar("speed", "mean speed")
+    def speed(self) -> float:
+        return self.advance / self.motion.duration
+
+    @scalar(
+        "speed",
+        "mean speed of an exact simulation over two periods; with `[robust]` a list by chain, "
+        "after many periods",
+    )
+    def speed_simulated(self) -> float | list[float]:
+        return self.simulated_speeds[0] if self.single_chain else self.simulated_speeds
+
+    @scalar(
+        "acceleration",
+        "positive work of the actuators over mass and distance; not with `[robust]`",
+        when="single_chain",
+    )
+    def energy_per_mass_distance(self) -> float:
+        mass = sum(per(self.worm.mass, self.worm.links + 1))
+        return work_of(self.motion) / mass / self.advance
+
+    @scalars(COST_OF_TRANSPORT, when="single_chain")
+    def transport(self) -> dict[str, float | None]:
+        return cost_of_transport(self.energy_per_mass_distance, self.units)
+
+    @scalar(
+        "speed",
+        "minimised quantity; minus the speed when the speed is maximised; energy over mass "
+        "and distance has the unit of an acceleration",
+        name="objective",
+    )
+    def minimised(self) -> Scalar:
+        quantity = "acceleration" if self.objective.minimise else "speed"
+        return Scalar(self.optimum.objective, unit_of(quantity, self.units))
+
+    # -- signals and convergence -------------------------------------------------------------------
+
+    def expressions(self) -> Mapping[str, ca.SX]:
+        """Return the signals to sample: of several chains, their common inputs."""
+        model = self.motion.program.problem.model
+        return chain_expressions(model) if self.single_chain else {"input": model.u[0].symbol}
+
+    @arrays(_SIGNALS)
+    def signals(self) -> dict[str, np.ndarray]:
+        return self.sampled
+
+    @attributes
+    def in_the_picture(self) -> dict[str, list[str]]:
+        return {"signals": [*_SHOWN]}
+
+    @property
+    def convergence_wanted(self) -> bool:
+        """Whether relaxed contact is followed to its limit."""
+        return "convergence" in self.want
+
+    @stage
+    def relaxed_limit(self) -> Convergence | str:
+        """Convergence of relaxed contact to exact contact, or why it is unknown."""
+        what = "relaxed contact was not followed to its limit"
+        if not self.exact:
+            return f"{what}, so the motion does not show the phases"
+        try:
+            relaxed, exact = self.optimisation.optima.values()
+            with np.errstate(all="ignore"):
+                return converge(relaxed, exact, self.report)
+        except SolveError as error:
+            return f"{what}: {error}"
+
+    @parts(Convergence, when="convergence_wanted")
+    def convergence(self) -> Convergence:
+        if isinstance(self.relaxed_limit, str):
+            raise AbsentError(self.relaxed_limit)
+        return self.relaxed_limit
+
+    # -- the trust report --------------------------------------------------------------------------
+
+    @checks
+    def confirmed(self) -> Iterator[Check]:
+        speed, kept = self.speed, float(np.mean(self.simulated_speeds))
+        advice = (
+            f"the simulated speed after some periods is {kept:.6g}, not {speed:.6g}; write "
+            "more mesh.arcs"
+        )
+        limit = self.accepted * max(abs(speed), abs(kept))
+        yield Check("speed after some periods", kept - speed, limit, advice)
+        if self.convergence_wanted and isinstance(self.relaxed_limit, str):
+            yield Check("relaxed contact not followed", 1.0, 0.0, self.relaxed_limit)
+
+    @warnings
+    def doubts(self) -> Iterator[str]:
+        if self.exact:
+            yield from warnings_of_reading(
+                self.optimisation.optima["complementarity"], self.optimum
+            )
+        else:
+            why, part = "the motion shows no distinct phases", "hundred"
+            if self.robust is not None:
+                why, part = "several worms", "thousand"
+            yield (
+                f"{why}: contact is a complementarity condition on a grid, so the motion is "
+                f"accurate to about one part in a {part}; speed_simulated is the speed of each "
+                "worm in the exact simulation"
+            )
+        period = self.motion.duration
+        if (cycles := math.ceil(self.limits.period_range[0] / period - 1e-6)) > 1:
+            yield (
+                "the crawl repeats within limits.period: time, advance and signals describe one "
+                f"of {cycles} cycles, with a duration of {cycles * period:.6g}; a smaller force, "
+                "or a larger objective.effort, gives slower cycles"
+            )
+        if self.search.starts == 1:
+            yield (
+                "the result is a local optimum from a single start; write search.starts to try more"
+            )
+        if self.convergence_wanted and isinstance(self.relaxed_limit, Convergence):
+            yield from self.relaxed_limit.doubts
+
+    @facts
+    def of_search(self) -> dict[str, Any]:
+        found = {"starts": [*self.relaxed[1]]}
+        return found | assumed(self.units) if self.single_chain else found
+
+
+# -- motions ---------------------------------------------------------------------------------------
+
+
+def _only_phases() -> Complementarity:
+    """Relaxation, in usual speeds times usual forces, that only has to show the phases."""
+    return Complementarity(residual=1e-3, first=1.0)
+
+
+def _resolved(relaxed: Optimum) -> bool:
+    """Whether the mesh is fine enough to show the phases of a motion."""
+    speed = resting_speeds(relaxed)[0]
+    phases = len(structure_of(relaxed.motion, speed=speed).durations)
+    return _ARCS_A_PHASE * phases <= relaxed.motion.mesh.total
+
+
+def cycles_of(motion: Motion) -> int:
+    """Return the number of cycles in a period: the harmonic in which lengths change most."""
+    t = np.arange(_SAMPLES) / _SAMPLES * motion.duration
+    power = np.sum(np.abs(np.fft.rfft(motion.output("length", t))) ** 2, axis=0)
+    return 1 + int(np.argmax(power[1:]))
+
+
+def _polyline(t: np.ndarray, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda at: np.array([np.interp(at, t, row) for row in rows])
+
+
+def work_of(motion: Motion) -> float:
+    """Return the positive work of the actuators over a motion."""
+    edges = motion.breaks
+    s, weights = np.polynomial.legendre.leggauss(20)
+    t = edges[:-1, None] + np.diff(edges)[:, None] * (s + 1) / 2
+    power = motion.output("power", t.ravel()).reshape(-1, *t.shape)
+    return float(np.sum(np.maximum(power, 0.0) * weights / 2 * np.diff(edges)[:, None]))
+
+
+# -- convergence of relaxed contact ----------------------------------------------------------------
+
+
+def converge(relaxed: Optimum, exact: Optimum, report: Report) -> Convergence:
+    """Solve again with narrower laws and on finer grids, from the same local optimum."""
+    problem, arcs = exact.motion.program.problem, relaxed.motion.mesh.total
+    speed, best = problem.model.contacts[0].nominal_speed, exact.objective
+    widths = Regularised(v_reg=0.4**6 * speed, first=speed, ratio=0.4)
+    report("smoothed contact", 0.7)
+    fine = Mesh.even(1, 2 * arcs, Collocation(3, "radau"))
+    smoothed = optimise(problem, fine, widths, relaxed.motion.guess)
+    tight = Complementarity(1e-5, first=1.0)  # small against the error of the grid
+    on_grids: list[Optimum] = []
+    for k, n in enumerate((arcs // 2, arcs, 2 * arcs, 4 * arcs)):
+        report("complementarity on finer grids", 0.8 + k / 20)
+        grid = Mesh.even(1, n, Collocation(2, "radau"))
+        on_grids.append(optimise(problem, grid, tight, relaxed.motion.guess))
+    levels = smoothed.levels[-_WIDTHS:]
+    width = np.array([level.level for level in levels])
+    by_width = np.array([level.objective for level in levels])
+    grids = np.array([one.motion.mesh.total for one in on_grids])
+    by_grid = np.array([one.objective for one in on_grids])
+    return Convergence(
+        width=width,
+        smoothed_error=by_width - best,
+        arcs=grids,
+        complementarity_error=by_grid - best,
+        order_smoothed=_slope(width, by_width - best),
+        order_complementarity=-_slope(grids, by_grid - best),
+        objective_smoothed=float(by_width[-1]),
+        objective_smoothed_error_bar=_last_step(by_width),
+        objective_complementarity=float(by_grid[-1]),
+        objective_complementarity_error_bar=_last_step(by_grid),
+        same_modes=len({_cycle_of(one) for one in (exact, smoothed, on_grids[-1])}) == 1,
+    )
+
+
+def _slope(over: np.ndarray, errors: np.ndarray) -> float:
+    return float(np.polyfit(np.log(over), np.log(np.abs(errors)), 1)[0])
+
+
+def _last_step(values: np.ndarray) -> float:
+    """Estimate the error of a sequence without the exact answer: twice its last step."""
+    return 2 * float(abs(values[-1] - values[-2]))
+
+
+def _cycle_of(optimum: Optimum) -> tuple[tuple[int, ...], ...]:
+    """Contact modes of a period without repetitions, independent of where it begins."""
+    modes, _ = modes_of(optimum)
+    cycle = [tuple(m) for k, m in enumerate(modes) if m != modes[k - 1]] or [tuple(modes[0])]
+    return min(tuple(cycle[k:] + cycle[:k]) for k in range(len(cycle)))

@@ -1,0 +1,210 @@
+"""Statistics and checks of a rod's motion in a channel.
+
+Motions need not be regular. Batch means estimate the error of their mean velocities: means over
+several whole repeats of the switching scatter about their common mean. Student's distribution
+gives the confidence interval from this scatter.
+
+Source: A. M. Law, Simulation Modeling and Analysis (2015), 9.5.3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from wormopt.result import Check
+from wormopt.study import on_use, value
+
+with on_use():
+    import casadi as ca
+    import numpy as np
+    from scipy.special import stdtrit
+
+    from wormopt.model.model import Model, pack
+    from wormopt.simulation.moreau import StepRecord
+
+ASSUMED = {
+    "plane": "the rod moves in one plane; gravity acts across it and is neglected, as is drag",
+    "row": "the row of coils extends beyond both ends of the worm's path",
+    "field": "the worm does not change the field; no iron; the pull acts on its centre line",
+    "impact": "impacts on a wall are inelastic",
+    "magnetisation": "linear in the field, without saturation and hysteresis",
+}
+_BATCHES, _CONFIDENCE = 8, 0.95
+# Accepted error of the field's work by round-off and steps, and accepted depth in walls.
+_ENERGY, _DEPTH = 0.01, 0.05
+# Velocities are compared relative to at least this share of the field's, because a rod may stand
+# still. A velocity with a relative error above the second share is not compared.
+_STILL, _KNOWN = 0.01, 0.5
+# States of which the energy is computed at once.
+_BLOCK = 512
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A mean velocity."""
+
+    settled: bool  # both halves of the averaged time agree within errors
+    velocity: float = value(
+        "speed",
+        "mean velocity after `time.settle`, positive with the field",
+        name="velocity_mean",
+    )
+    error: float = value(
+        "speed",
+        "half the width of its 95 % interval, by means over batches of whole repeats",
+        name="velocity_error",
+    )
+
+    @property
+    def direction(self) -> int:
+        """1 with the field, -1 against it, 0 if the interval contains both or is unknown."""
+        return 0 if not abs(self.velocity) > self.error else int(math.copysign(1, self.velocity))
+
+
+def mean_velocity(time: np.ndarray, centre: np.ndarray, cycle: float, settle: float) -> Mean:
+    """Return the mean velocity over whole repeats, from `time` and `centre` (m,).
+
+    Skips the initial share `settle` of the time; at least four repeats of duration `cycle` must be
+    left.
+    """
+    repeats = math.floor((1 - settle) * time[-1] / cycle * (1 + 1e-9))
+    batches = max(min(_BATCHES, repeats), 2)
+    size = max(repeats // batches, 1) * cycle
+    ends = time[-1] - size * np.arange(batches, -1, -1)
+    parts = np.diff(np.interp(ends, time, centre)) / size
+    halves = [_interval(part) for part in (parts[: batches // 2], parts[batches // 2 :])]
+    return Mean(not differ(*halves[0], *halves[1]), *_interval(parts))
+
+
+def _interval(parts: np.ndarray) -> tuple[float, float]:
+    """Return the mean of batches, and half the width of its interval."""
+    spread = float(np.std(parts, ddof=1)) if len(parts) > 1 else 0.0
+    factor = float(stdtrit(max(len(parts) - 1, 1), (1 + _CONFIDENCE) / 2))
+    return float(np.mean(parts)), factor * spread / math.sqrt(len(parts))
+
+
+def differ(one: float, one_error: float, other: float, other_error: float) -> float:
+    """Return the difference of two means beyond their errors, or 0."""
+    return max(abs(one - other) - math.hypot(one_error, other_error), 0.0)
+
+
+@dataclass(frozen=True)
+class RodPoint(Mean):
+    """Results of one motion; NaN if it failed or they are unknown."""
+
+    rate: float = value("rate", "switches per second")
+    arc_length: float = value(
+        "length",
+        "mean length of the rod from coil to coil of a block just before the coils change; "
+        "unknown if it never lay over a block",
+    )
+    energy_error: float = value(
+        "share", "largest error of the energy balance, over the work of the field"
+    )
+    field_error: float = value(
+        "share", "largest error of the series of *H*², over the largest *H*²"
+    )
+    penetration: float = math.nan  # largest depth in a wall, over the room of the centre line
+    reason: str = ""  # why the motion failed; empty otherwise
+
+    @classmethod
+    def lost(cls, rate: float, reason: str) -> RodPoint:
+        """Return the point of a motion that failed at `rate` switches per second."""
+        names = ("velocity", "error", "arc_length", "energy_error", "field_error")
+        return cls(settled=False, rate=rate, reason=reason, **dict.fromkeys(names, math.nan))
+
+
+def checks_of_motion(point: RodPoint, what: str = "") -> Iterator[Check]:
+    """Yield checks of a single motion; `what` names how it was computed."""
+    named, before = (f" {what}", f"{what}: ") if what else ("", "")
+    where = f"{before}at {point.rate:g} switches per second"
+    if point.reason:
+        yield Check(f"motion{named}", None, 0.0, f"{where} {point.reason}")
+        return
+    yield Check(
+        f"energy balance{named}",
+        point.energy_error,
+        _ENERGY,
+        f"{where} energy is not balanced, by {point.energy_error:.2g} of the field's work; "
+        "write a shorter mesh.step",
+    )
+    yield Check(
+        f"depth in walls{named}",
+        point.penetration,
+        _DEPTH,
+        f"{where} walls are penetrated by {point.penetration:.2g} of the room; write a shorter "
+        "mesh.step",
+    )
+
+
+def change_of(point: RodPoint, others: Iterable[RodPoint], field_speed: float) -> float | None:
+    """Return the largest relative change of a mean velocity with other steps and meshes.
+
+    Errors are not subtracted; None without `others`.
+    """
+    changes = [abs(other.velocity - point.velocity) for other in others]
+    return max(changes) / _compared_with(point, field_speed) if changes else None
+
+
+def _compared_with(point: RodPoint, field_speed: float) -> float:
+    return max(abs(point.velocity), _STILL * field_speed)
+
+
+def checks_of_change(
+    point: RodPoint, other: RodPoint, field_speed: float, accepted: float, what: str
+) -> Iterator[Check]:
+    """Yield checks that the mean velocity is independent of step or mesh; `what` names which.
+
+    `accepted`: largest change beyond the errors, over the velocity, or over a hundredth of
+    the field's.
+    """
+    size, where = _compared_with(point, field_speed), f"at {point.rate:g} switches per second"
+    errors = math.hypot(point.error, other.error)
+    known = Check(
+        f"error of the mean velocity {what}",
+        errors,
+        _KNOWN * size,
+        f"{where} the error of the mean velocity is {errors:.2g} m/s, too large to compare it "
+        f"{what}; write a longer time.end",
+    )
+    yield known
+    if known.passed:
+        change = differ(point.velocity, point.error, other.velocity, other.error)
+        yield Check(
+            f"mean velocity {what}",
+            change,
+            accepted * size,
+            f"{where} the mean velocity changes by {change:.2g} m/s {what}; write more "
+            "mesh.elements, a shorter mesh.step or a longer time.end",
+        )
+
+
+def energy_error(model: Model, steps: StepRecord, numbers: dict[str, float]) -> float:
+    """Return the largest difference of the energy from the work on the rod, over the field's."""
+    energy = ca.Function(
+        "energy",
+        [pack(model.x), pack(model.p)],
+        [model["strain_energy"] + model["kinetic_energy"]],
+    )
+    p = np.array([numbers[signal.name] for signal in model.p])
+    blocks = range(0, steps.states.shape[1], _BLOCK)
+    parts = [energy(steps.states[:, first : first + _BLOCK], p) for first in blocks]
+    stored = np.hstack([np.array(part).ravel() for part in parts])
+    done = sum(steps.work.values())
+    scale = np.abs(np.diff(steps.work["load_power"])).sum()
+    return float(np.abs(stored - stored[0] - done).max() / scale) if scale else 0.0
+
+
+def length_between(x: np.ndarray, y: np.ndarray, first: float, last: float) -> float:
+    """Return the length of a polyline between two positions along the row."""
+    arc = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
+    inside = np.flatnonzero((x[:-1] - first) * (x[1:] - first) <= 0)
+    beyond = np.flatnonzero((x[:-1] - last) * (x[1:] - last) <= 0)
+    i, j = inside[0], beyond[-1]
+    ends = [
+        np.interp((place - x[k]) / (x[k + 1] - x[k]), [0.0, 1.0], arc[k : k + 2])
+        for k, place in ((i, first), (j, last))
+    ]
+    return float(abs(ends[1] - ends[0]))

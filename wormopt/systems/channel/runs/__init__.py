@@ -1,1 +1,0 @@
-"""Runs of kinds about worms in a channel."""

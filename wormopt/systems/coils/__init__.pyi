@@ -1,1 +1,0 @@
-from wormopt.systems.shared.si import SIScene as SIScene

@@ -1,1 +1,0 @@
-"""Optimal waves of a film."""

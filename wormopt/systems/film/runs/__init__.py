@@ -1,1 +1,0 @@
-"""Runners of the kinds of scenes about films."""

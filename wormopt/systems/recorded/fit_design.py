@@ -1,0 +1,525 @@
+"""Kind "fit-design": a gait for a worm whose parameters are measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Literal
+
+from wormopt.errors import Fault, SceneError, SolveError
+from wormopt.quantities import Scalar, unit_of
+from wormopt.result import Check
+from wormopt.study import (
+    Given,
+    arrays,
+    checks,
+    entry,
+    facts,
+    number,
+    on_use,
+    parts,
+    scalar,
+    scalars,
+    signal,
+    stage,
+    value,
+    warnings,
+    whole,
+)
+from wormopt.study.types import PerMass, Positive, Seed
+from wormopt.systems.recorded.recording_file import RecordingFile
+from wormopt.systems.recorded.tables import named_twice, refused_at
+from wormopt.systems.shared.declared import GAIT
+from wormopt.systems.spiked import (
+    DESIGN_SCALARS,
+    MOTION_VARIABLES,
+    DesignTable,
+    Objective,
+    Shape,
+    Worm,
+)
+
+with on_use():
+    import numpy as np
+
+    from wormopt.fitting.estimate import Fit
+    from wormopt.fitting.fit import fit
+    from wormopt.fitting.task import FitTask
+    from wormopt.fitting.unknowns import Unknown
+    from wormopt.systems.recorded.recordings import Run, read_all, run_of
+    from wormopt.systems.spiked import (
+        Believed,
+        Crawl,
+        Design,
+        DesignReport,
+        Robust,
+        Search,
+        design_believed,
+        designed,
+        driven_worm,
+        gait_of_shape,
+        load_band,
+        of_design,
+        on_plant,
+        with_keys,
+    )
+
+_ACCEPTED = 1e-9  # share by which a limit on the plant may be exceeded
+_FORCES = ("actuator_force", "spike_load")
+# Signals that depend on mass, drag and load even while spikes hold the worm.
+_NO_FORCE = (
+    "no column is a force, and the gait prescribes the motion for any mass, drag and load; record "
+    "actuator forces, for example "
+    'columns = {mu0 = "actuator_force[0]"}, or spike_load'
+)
+_MOTION = ("position", "velocity")
+
+
+class CrawlRecording(RecordingFile):
+    """A recording of a run with a known gait: readings of gauges over time.
+
+    The gait begins at time 0 of the file with the worm at rest. Columns are `actuator_force[0]` and
+    so on, one per link; `spike_load`, the sum over all spikes; and additionally `position` and
+    `velocity`. With this gait the worm may glide; corners are refused.
+    """
+
+    gait: Shape = entry("gait of the links; `shape` selects the other keys")
+
+
+class CrawlFit(Given):
+    """Settings of the fit."""
+
+    numbers: tuple[Literal["mass", "drag", "load"], ...] = entry(
+        "parameters of `[worm]` to estimate; the others keep their values there",
+        default=("mass", "drag", "load"),
+    )
+    noise: dict[str, Positive] = entry(
+        "known standard deviation of readings of each signal, `{actuator_force = 0.2}`; the "
+        "others are estimated",
+        default=dict,
+    )
+    seeds: int = whole(
+        1, 1000, "number of starts: `[worm]`, and others spread within the bounds", default=4
+    )
+    seed: Seed = entry("seed of the random spread of the starts", quantity="count", default=0)
+
+
+class Plant(Given):
+    """The real worm to test the gait on; neither the fit nor the design uses it."""
+
+    mass: PerMass = entry("point masses; mass 0 is the head", quantity="mass", per="masses")
+    drag: float = number("drag", "viscous drag on each mass", least=0, default=0.0)
+    load: float = number("force", "load on each mass", least=0, default=0.0)
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Estimated parameters, with recorded and fitted forces run by run."""
+
+    mass_found: list[float] = value("mass", "estimated point masses")
+    mass_error: list[float] = value("mass", "standard errors of the masses, 0 if not fitted")
+    drag_found: float = value("drag", "estimated drag")
+    drag_error: float = value("drag", "standard error of the drag")
+    load_found: float = value("force", "estimated load")
+    load_error: float = value("force", "standard error of the load")
+    n_readings: int = value("count", "number of fitted readings")
+    reading_time: np.ndarray = signal("time", "reading", "times of the readings, run by run")
+    reading_run: np.ndarray = signal("count", "reading", "index of the run")
+    read_force: np.ndarray = signal(
+        "force", "link reading", "recorded actuator forces, NaN if missing"
+    )
+    fitted_force: np.ndarray = signal("force", "link reading", "fitted actuator forces")
+
+
+@dataclass(frozen=True)
+class Band:
+    """Load of a resting spike over a cycle, and its worst-case error."""
+
+    band_time: np.ndarray = signal("time", "band", "times in a cycle")
+    band_load: np.ndarray = signal("force", "band", "load of a resting spike with the estimates")
+    band_error: np.ndarray = signal("force", "band", "worst-case error of this load")
+
+
+@dataclass(frozen=True)
+class OnPlant:
+    """Motion of the gait on the real worm, compared with the best gait for that worm."""
+
+    motion: Crawl
+    plant_speed: float = value("speed", "with `[plant]`: speed of the gait there")
+    plant_spike_load_max: float = value(
+        "force", "with `[plant]`: largest spike load of the gait there"
+    )
+    plant_spike_load_bold: float = value(
+        "force",
+        "with `[plant]`: largest spike load there of the gait that assumes exact estimates",
+    )
+    plant_best: float = value(
+        "speed", "with `[plant]`: speed of the gait designed for its parameters"
+    )
+    plant_share: float = value("share", "with `[plant]`: `plant_speed` divided by `plant_best`")
+    plant_distance: float = value(
+        "1",
+        "with `[plant]`: distance of its parameters from the estimates, in standard errors; "
+        "within `reach` the limits are guaranteed",
+    )
+    plant_time: np.ndarray = signal("time", "plant", "with `[plant]`: times in a cycle")
+    plant_load: np.ndarray = signal("force", "plant", "with `[plant]`: largest spike load there")
+    bold_time: np.ndarray = signal(
+        "time", "bold", "with `[plant]`: times in a cycle of the bold gait"
+    )
+    bold_load: np.ndarray = signal(
+        "force", "bold", "with `[plant]`: largest spike load of the bold gait there"
+    )
+
+
+class FitDesign(DesignTable, kind="fit-design"):
+    """Design a gait whose limits hold for a worm with fitted parameters.
+
+    Masses, drag and load are fitted to recordings of a crawl with known gaits. The gait is then
+    designed so that its limits hold for all parameters in a confidence ellipsoid with the requested
+    confidence. The worst effect of these errors on loads and forces along the gait equals that of a
+    range of loads. The gait is designed for that range, and redesigned until its own worst case is
+    within the range. With a table `[plant]` the gait is tested on the real worm and compared with
+    the gait designed for the true parameters.
+
+    `[worm]` contains the start of the fit and the parameters that are not fitted. Kind
+    [`gait-design`](gait-design.md) explains `[gait]`, `[objective]`, `[search]` and the results of
+    the gait; loads and forces are those at the largest load of the range. Guide:
+    [fitting](../fitting.md).
+
+    Refused: recordings without a force; a range of loads in `[worm]`; `gait.sharing` other than
+    `equal`, because loads are then not linear in the parameters; `gait.impulses`.
+
+    Exit code 3: the fit did not converge; a parameter is not identifiable from the recordings; no
+    gait meets the limits; or, with `[plant]`, the gait violates a limit there.
+    """
+
+    headline: ClassVar = (
+        "speed",
+        "speed_if_known",
+        "load_range",
+        "plant_speed",
+        "plant_spike_load_max",
+        "plant_share",
+        "mode_sequence",
+    )
+    pictures: ClassVar = {
+        "forces": "wormopt.systems.recorded.pictures:forces",
+        "loads": "wormopt.systems.recorded.pictures:loads",
+        "gait": "wormopt.systems.spiked.pictures:gait",
+        "motion": "wormopt.systems.spiked.pictures:motion",
+        "spikes": "wormopt.systems.spiked.pictures:spikes",
+    }
+
+    want: tuple[Literal["forces", "loads", "gait", "motion", "spikes"], ...] = entry(
+        "`forces`: readings, fit and residuals; `loads`: load of a resting spike, worst case "
+        "and on the plant; `gait`, `motion`, `spikes`: as for kind `gait`",
+        default=(),
+    )
+    recording: tuple[CrawlRecording, ...] = entry("recorded runs of the worm")
+    fit: CrawlFit = entry("the fit", default=CrawlFit)
+    objective: Objective = entry("the objective")
+    confidence: float = number(
+        "share",
+        "confidence that the gait meets its limits at all times",
+        least=0.5,
+        below=1,
+        default=0.9999,
+    )
+    plant: Plant | None = entry("the real worm, to test the gait on", default=None)
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield everything that no single key shows, and what is wrong in the files."""
+        yield from self.faults_of_design()
+        yield from self.objective.faults_in_scene()
+        yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
+        if isinstance(self.worm.load, tuple):
+            yield "worm.load", "a range or list, but the fit finds one load; write one number"
+        elif any(self.worm.beyond):
+            yield (
+                "worm.slope",
+                "the slope pulls unequal masses back by unequal forces, but the fit finds one "
+                "load for all; write one mass for all, or the load without worm.slope",
+            )
+        if self.gait.sharing != "equal":
+            what = "makes loads nonlinear in masses, drag and load, so errors cannot be propagated"
+            yield "gait.sharing", f'"{self.gait.sharing}" {what}; write "equal"'
+        if self.gait.impulses:
+            yield "gait.impulses", "true, but impulses load spikes without bounds; remove the key"
+        if not self.fit.numbers:
+            yield "fit.numbers", 'the list is empty; write for example ["load"]'
+        if not self.recording:
+            yield "recording", "no entry is given; write a table [[recording]]"
+        for k, recording in enumerate(self.recording):
+            for key, what in recording.faults_in(self.folder, self.units):
+                yield f"recording[{k}].{key}", what
+            yield from recording.gait.faults(self.worm.links, self.folder, f"recording[{k}].gait")
+            if recording.use != "fit":
+                what = 'runs can be held out in kind "fit" only; remove the key'
+                yield f"recording[{k}].use", what
+        yield from self._faults_of_forces()
+        yield from named_twice((one.label for one in self.recording), "recording")
+
+    def _faults_of_forces(self) -> Iterator[Fault]:
+        """Yield a fault if no column of the text files is named like a force."""
+        signals: list[str] = []
+        for recording in self.recording:
+            try:
+                columns = recording.read(self.folder) if recording.is_text else None
+            except SceneError:
+                return
+            if columns is None:
+                return
+            signals += (recording.columns.get(column, column) for column in columns.values)
+        named = [name for recording in self.recording for name in recording.columns.values()]
+        moved = all(name.startswith(_MOTION) for name in named)
+        if moved and not any(s.startswith(_FORCES) for s in signals):
+            yield "recording", _NO_FORCE
+
+    # -- the fit -----------------------------------------------------------------------------------
+
+    @stage
+    def reading(self) -> list[Run]:
+        found, faults = read_all(self.recording, self._run)
+        read = [name for run in found for name in run.recording.readings]
+        if not faults and not any(name in read for name in _FORCES):
+            faults.append(("recording", _NO_FORCE))
+        if faults:
+            raise SceneError(self.name, faults)
+        return found
+
+    def _run(self, recording: CrawlRecording) -> Run:
+        """Give the run of a recording, which starts at time 0 with the worm at rest."""
+        worm = self.worm
+        gait = gait_of_shape(recording.gait, self.scene)
+        with refused_at(self, "gait"):
+            model = driven_worm(gait, worm.masses, worm.drag, worm.load_range[0])
+        run = run_of(recording, self.folder, model, self.units)
+        read = run.recording
+        begun = replace(read, model=read.model or model, span=(0.0, float(read.times[-1])))
+        return replace(run, recording=begun)
+
+    @stage
+    def fitting(self) -> Fit:
+        recordings = [run.recording for run in self.reading]
+        model, asked = recordings[0].model, self.fit
+        assert model is not None
+        unknowns = [Unknown(name) for name in asked.numbers]
+        with refused_at(self, "fit"):
+            task = FitTask(model, recordings, unknowns, noise=asked.noise or None)
+        return fit(task, seeds=asked.seeds, seed=asked.seed, report=self.report)
+
+    @cached_property
+    def believed(self) -> Believed:
+        """Masses, drag and load from the fit or the scene, with their covariance."""
+        fitted, worm = self.fitting, self.worm
+        names = [*(f"mass[{i}]" for i in range(len(worm.masses))), "drag", "load"]
+        numbers = np.array([*worm.masses, worm.drag, worm.load_range[0]])
+        at = [names.index(name) for name in fitted.names]
+        numbers[at] = fitted.values
+        covariance = np.zeros((len(names), len(names)))
+        covariance[np.ix_(at, at)] = fitted.covariance
+        freedom = fitted.task.count - len(at) if fitted.estimated else np.inf
+        mass = tuple(numbers[:-2].tolist())
+        return Believed(mass, float(numbers[-2]), float(numbers[-1]), covariance, freedom)
+
+    @parts(Estimates)
+    def estimates(self) -> Estimates:
+        return estimates_of(self.fitting, self.believed)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit converged; else there is no design."""
+        return self.fitting.converged
+
+    # -- the design --------------------------------------------------------------------------------
+
+    @stage
+    def design(self) -> Robust:
+        objective, search = self.objective, self.search
+        believed = self.believed
+        try:
+            return design_believed(
+                believed, self.limits, objective, self.confidence, search, self.report
+            )
+        except SolveError as error:
+            raise with_keys(error, self) from None
+
+    @stage
+    def second_route(self) -> DesignReport:
+        return of_design(self, self.design.design)
+
+    @scalars(
+        DESIGN_SCALARS
+        | {"objective": ("speed", "objective reached, in its quantity, recomputed from the gait")},
+        when="converged",
+    )
+    def numbers(self) -> Mapping[str, Any]:
+        design: Design = self.design.design
+        quantity = design.task.objective.quantity
+        reached = Scalar(design.value, unit_of(quantity, self.units))
+        return self.second_route.scalars | {"objective": reached}
+
+    @arrays(MOTION_VARIABLES | GAIT, when="converged")
+    def signals(self) -> Mapping[str, Any]:
+        return self.second_route.variables
+
+    @scalar(
+        "share",
+        "confidence that all limits hold at all times, if the model is correct",
+        when="converged",
+        name="confidence",
+    )
+    def confidence_of_limits(self) -> float:
+        _ = self.design  # without a design there are no limits to hold
+        return self.confidence
+
+    @scalar("1", "size of the confidence ellipsoid, in standard errors", when="converged")
+    def reach(self) -> float:
+        return self.design.reach
+
+    @scalar("force", "half the range of loads for which the gait is designed", when="converged")
+    def load_width(self) -> float:
+        return self.design.width
+
+    @scalar("force", "half range equivalent to the worst parameter errors", when="converged")
+    def load_width_needed(self) -> float:
+        return self.design.needed
+
+    @scalar("speed", "speed of the optimal gait if the estimates were exact", when="converged")
+    def speed_if_known(self) -> float:
+        return self.design.nominal.speed
+
+    @parts(Band, when="converged")
+    def band(self) -> Band:
+        return Band(*load_band(self.design.design, self.believed, self.design.reach))
+
+    # -- the test on the plant ---------------------------------------------------------------------
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether the gait is tested on the real worm."""
+        return self.plant is not None and self.converged
+
+    @property
+    def plant_worm(self) -> Worm:
+        """The real worm, if it is given."""
+        assert self.plant is not None
+        return Worm(self.worm.links, self.plant.mass, self.plant.drag, self.plant.load)
+
+    @stage
+    def best_on_plant(self) -> Design:
+        nominal = self.design.nominal
+        known = Search(sequence=nominal.sequence, workers=self.search.workers)
+        return designed(nominal.task.vary(worm=self.plant_worm), known, self.report)
+
+    @parts(OnPlant, when="is_tested")
+    def test_on_plant(self) -> OnPlant:
+        plant = self.plant_worm
+        motion, bold = (on_plant(one, plant) for one in (self.design.design, self.design.nominal))
+        best = self.best_on_plant
+        return OnPlant(
+            motion=motion,
+            plant_speed=motion.speed,
+            plant_spike_load_max=motion.extremes("reaction")[1].max(),
+            plant_spike_load_bold=bold.extremes("reaction")[1].max(),
+            plant_best=best.speed,
+            plant_share=motion.speed / best.speed,
+            plant_distance=self.believed.distance(
+                np.array([*plant.masses, plant.drag, plant.load_range[0]])
+            ),
+            plant_time=motion.time,
+            plant_load=motion["reaction"].max(axis=0),
+            bold_time=bold.time,
+            bold_load=bold["reaction"].max(axis=0),
+        )
+
+    # -- trust -------------------------------------------------------------------------------------
+
+    @checks
+    def verdicts(self) -> Iterator[Check]:
+        fitted = self.fitting
+        if not fitted.converged:
+            advice = f"the fit did not converge: {fitted.reason}"
+            yield Check("fit", fitted.offset, 0.0, advice, passed=False)
+            return
+        yield from self.second_route.checks
+        if self.is_tested:
+            yield from self._checks_of_plant(self.test_on_plant.motion)
+
+    def _checks_of_plant(self, motion: Crawl) -> Iterator[Check]:
+        limits: dict[str, Any] = {
+            "spike_load": ("reaction", self.gait.spike_load),
+            "actuator_force": ("actuator_force", self.gait.actuator_force),
+        }
+        for key, (name, most) in limits.items():
+            if most is None:
+                continue
+            low, high = motion.extremes(name)
+            over = float(np.max(np.maximum(np.abs(low), np.abs(high)) / np.asarray(most))) - 1.0
+            advice = (
+                f"on the plant gait.{key} is exceeded by {over:.2g} of its value: the plant's "
+                "parameters lie outside the ellipsoid, or the model does not describe the plant"
+            )
+            yield Check(f"gait.{key} on the plant", max(over, 0.0), _ACCEPTED, advice)
+        glides = float(len(motion.glides))
+        yield Check("glides on the plant", glides, 0.0, "the worm glides on the plant")
+
+    @warnings
+    def doubts(self) -> Iterator[str]:
+        yield from self.fitting.warnings
+        for run in self.reading:
+            yield from run.warnings
+        if self.converged:
+            yield from self.second_route.warnings
+
+    @facts
+    def evidence(self) -> Mapping[str, Any]:
+        fitted = self.fitting
+        found = {
+            "fit": {
+                "converged": fitted.converged,
+                "starts": [
+                    {"cost": start.cost, "agrees": start.agrees, "evaluations": start.evaluations}
+                    for start in fitted.starts
+                ],
+                "noise": dict(fitted.noise),
+                "noise_estimated": list(fitted.estimated),
+                "at_bound": list(fitted.at_bound),
+                "left_out": {r.recording.name: [*r.left_out] for r in self.reading if r.left_out},
+            }
+        }
+        if not fitted.converged:
+            return found
+        rule = (
+            "Scheffe: with this confidence all parameters lie in one ellipsoid, and all limits "
+            "hold at all times for all parameters in it, if the model is correct"
+        )
+        robust = {"rule": rule, "designs": self.design.rounds}
+        return found | self.second_route.facts | {"robust": robust}
+
+
+def estimates_of(fitted: Fit, believed: Believed) -> Estimates:
+    """Collect estimates, and recorded and fitted actuator forces."""
+    errors = np.sqrt(np.diag(believed.covariance))
+    runs, motions = fitted.task.runs, fitted.task.motions(fitted.theta)
+    forces = [motion["actuator_force"] for motion in motions]
+    read = [
+        run.readings.get("actuator_force", np.full(force.shape, np.nan))
+        for run, force in zip(runs, forces, strict=True)
+    ]
+    of_run = [np.full(len(run.times), k, dtype=np.int32) for k, run in enumerate(runs)]
+    return Estimates(
+        mass_found=list(believed.mass),
+        mass_error=errors[:-2].tolist(),
+        drag_found=believed.drag,
+        drag_error=float(errors[-2]),
+        load_found=believed.load,
+        load_error=float(errors[-1]),
+        n_readings=fitted.task.count,
+        reading_time=np.concatenate([run.times for run in runs]),
+        reading_run=np.concatenate(of_run),
+        read_force=np.concatenate(read, axis=1),
+        fitted_force=np.concatenate(forces, axis=1),
+    )

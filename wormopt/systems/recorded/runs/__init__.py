@@ -1,1 +1,0 @@
-"""Runs of kinds about recorded worms."""
