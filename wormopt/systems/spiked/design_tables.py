@@ -12,8 +12,8 @@ from wormopt.systems.spiked.gait_problem import (
     GaitProblem,
     Limits,
     Objective,
+    SceneWorm,
     Search,
-    Worm,
     faults_of_cost,
 )
 from wormopt.systems.spiked.stepper.stepper import Motor
@@ -22,7 +22,7 @@ from wormopt.systems.spiked.stepper.stepper import Motor
 class DesignTable(Study):
     """Tables shared by all scenes that design gaits."""
 
-    worm: Worm = entry("the worm")
+    worm: SceneWorm = entry("the worm")
     gait: GaitLimits = entry("the limits")
     search: Search = entry("how to search", default=Search)
     motor: Motor | None = entry(

@@ -24,7 +24,7 @@ from wormopt.study import (
 from wormopt.study.types import NonNegativePair, Pair, wrong_order
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.declared import MOTION_SCALARS, MOTION_VARIABLES
-from wormopt.systems.spiked.gait_problem import Worm
+from wormopt.systems.spiked.gait_problem import SceneWorm
 from wormopt.systems.spiked.shapes import GivenGait
 
 with on_use():
@@ -138,7 +138,7 @@ class GaitMotion(Study, kind="gait"):
         "as a GIF",
         default=(),
     )
-    worm: Worm = entry("the worm")
+    worm: SceneWorm = entry("the worm")
     gait: GivenGait = entry("the gait; `shape` selects the other keys")
     region: MapRange | None = entry("used if `want` contains `region`", default=None)
 

@@ -57,6 +57,9 @@ COST_WORDS = (
 _NO_OBJECTIVE = 'no objective is given; write maximise = "speed", or minimise and speed'
 
 
+_MASS = "point masses *m*<sub>i</sub>; mass 0 is the head"
+
+
 class Worm(Given, kw_only=False):
     """A chain of *n* + 1 point masses on the ground, joined by *n* links.
 
@@ -70,12 +73,7 @@ class Worm(Given, kw_only=False):
     """
 
     links: Links = entry("number of links *n*", quantity="count")
-    mass: PerMass = entry(
-        "point masses *m*<sub>i</sub>; mass 0 is the head",
-        quantity="mass",
-        default=1.0,
-        per="masses",
-    )
+    mass: PerMass = entry(_MASS, quantity="mass", default=1.0, per="masses")
     drag: float = number("drag", "*k*: each mass has viscous drag −*k v*", least=0, default=0.0)
     load: Loads = entry(
         "*Γ*: force on each mass against the direction of motion (towed load, slope). A pair "
@@ -205,6 +203,12 @@ class Worm(Given, kw_only=False):
 def _mean(each: tuple[float, ...]) -> float:
     """Mean of numbers; exact if they are equal."""
     return each[0] if len(set(each)) == 1 else sum(each) / len(each)
+
+
+class SceneWorm(Worm):
+    """The worm of a scene, which must say its masses."""
+
+    mass: PerMass = entry(_MASS, quantity="mass", per="masses")
 
 
 class Rates(Given, kw_only=False):

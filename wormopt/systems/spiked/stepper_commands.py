@@ -27,7 +27,7 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.spiked.gait_problem import Worm
+from wormopt.systems.spiked.gait_problem import SceneWorm
 from wormopt.systems.spiked.shapes import GivenGait
 from wormopt.systems.spiked.stepper.stepper import Demand, Motor, Stepper, demand
 
@@ -145,7 +145,7 @@ class StepperCommands(Study, kind="stepper"):
         "the masses",
         default=(),
     )
-    worm: Worm = entry("the worm")
+    worm: SceneWorm = entry("the worm")
     gait: GivenGait = entry("the gait; `shape` selects the other keys")
     motor: Motor = entry("the motor of every link")
     bristles: Bristles = entry("the bristles under the masses", default=Bristles)
