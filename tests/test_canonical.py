@@ -8,7 +8,8 @@ import wormopt as wo
 from wormopt.systems.spiked.design import design as designs
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
+from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.search.trial import Trier
 
 ROBOT = {

@@ -28,15 +28,8 @@ from wormopt.systems.spiked.certify.program import Level, Outer, Program
 from wormopt.systems.spiked.certify.statement import Statement
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.optimize import designed as designed_by
-from wormopt.systems.spiked.gait_problem import (
-    Certify,
-    GaitProblem,
-    Limits,
-    Objective,
-    Rates,
-    Search,
-    Worm,
-)
+from wormopt.systems.spiked.gait_problem import Certify, GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.verify import violations
 
 SPEED = Objective()

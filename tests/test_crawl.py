@@ -21,7 +21,7 @@ from wormopt.systems.spiked.construct import (
     travelling_sine,
 )
 from wormopt.systems.spiked.crawl import Crawl, crawl
-from wormopt.systems.spiked.gait_problem import Sharing
+from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.sharing import share_load
 
 PROFILES: tuple[Profile, ...] = ("cosine", "quintic", "trapezoid")

@@ -25,7 +25,8 @@ from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.design import objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.files import gait_of_result
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Rates, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search.trial import Trier
 from wormopt.systems.spiked.verify import violations
 

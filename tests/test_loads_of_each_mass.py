@@ -16,7 +16,8 @@ from wormopt.systems.spiked.construct import travelling_sine
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.design.sensitivity import scaling_error, sensitivities
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
+from wormopt.systems.spiked.limits import Limits
 
 MASSES, LOADS = (1.0, 2.0, 1.5), (0.5, 4.0, 9.0)
 LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)

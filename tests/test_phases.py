@@ -12,7 +12,8 @@ from wormopt.systems.spiked.ceiling import ceiling
 from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits
 
 QUICK = Search(effort="quick", workers=1)
 

@@ -20,7 +20,8 @@ from wormopt.systems.shared.sequences import lasting
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Rates, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
+from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.trial import Trial, Trier
 

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp
 
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Rates, Sharing, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Worm
+from wormopt.systems.spiked.limits import Limits, Rates, Sharing
 from wormopt.systems.spiked.programs.scaled_limits import ScaledLimits
 from wormopt.systems.spiked.sharing import share_load
 

@@ -16,7 +16,8 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.study import Scene, load_scene, packaged_scenes
 from wormopt.systems.spiked.gait_design import GaitDesign
-from wormopt.systems.spiked.gait_problem import Limits, Objective, Rates, Search, Worm
+from wormopt.systems.spiked.gait_problem import Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.shapes import BlockWave, FastGait
 from wormopt.systems.spiked.stepper.stepper import Stepper
 

@@ -43,15 +43,8 @@ from wormopt.systems.spiked.design import design as design_module
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.files import load_gait
-from wormopt.systems.spiked.gait_problem import (
-    Cost,
-    GaitProblem,
-    Limits,
-    Objective,
-    Rates,
-    Search,
-    Worm,
-)
+from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
 from wormopt.systems.spiked.search.orders import first_orders, letters_of

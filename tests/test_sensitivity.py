@@ -23,7 +23,8 @@ from wormopt.systems.spiked.design.sensitivity import (
     scaling_error,
     sensitivities,
 )
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Rates, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits, Rates
 
 LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 G1 = Worm(2, load=5.0)

@@ -14,7 +14,8 @@ from wormopt.systems.spiked.construct import block_wave
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
-from wormopt.systems.spiked.gait_problem import Cost, Limits, Search, Worm
+from wormopt.systems.spiked.gait_problem import Cost, Search, Worm
+from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.sharing import share_load
 
 Split = tuple[np.ndarray, float, list[int], np.ndarray, np.ndarray]

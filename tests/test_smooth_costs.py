@@ -10,7 +10,8 @@ from wormopt.progress import silent
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design import smooth
 from wormopt.systems.spiked.design.optimize import design
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.search.trial import Trial, Trier
 

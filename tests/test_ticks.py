@@ -20,7 +20,8 @@ from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed, ticked
 from wormopt.systems.spiked.design.sensitivity import sensitivities
 from wormopt.systems.spiked.files import gait_of_result
-from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Limits, Objective, Search, Worm
+from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.verify import in_steps, speed_of
 
 WORM = Worm(links=1, load=5.0)

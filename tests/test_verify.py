@@ -9,7 +9,7 @@ from test_crawl import safe_load, smooth_gaits
 
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.crawl import Crawl, crawl
-from wormopt.systems.spiked.gait_problem import Limits, Rates
+from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.verify import violations
 
 # A link that differs by direction in all it does: rate from 1 down to -2 at acceleration -1, back

@@ -3,8 +3,8 @@
 
 # Group: Worms and gaits
 from wormopt.systems.spiked.gait_problem import Worm as Worm
-from wormopt.systems.spiked.gait_problem import Limits as Limits
-from wormopt.systems.spiked.gait_problem import Rates as Rates
+from wormopt.systems.spiked.limits import Limits as Limits
+from wormopt.systems.spiked.limits import Rates as Rates
 from wormopt.systems.spiked.gait_problem import Objective as Objective
 from wormopt.systems.spiked.gait_problem import Search as Search
 from wormopt.systems.spiked.gait_problem import GaitProblem as GaitProblem

@@ -23,14 +23,8 @@ from wormopt.progress import silent
 from wormopt.systems.spiked.certify.bound import bounded, gap_of
 from wormopt.systems.spiked.certify.certificate import verify
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.gait_problem import (
-    Certify,
-    GaitProblem,
-    Limits,
-    Objective,
-    Search,
-    Worm,
-)
+from wormopt.systems.spiked.gait_problem import Certify, GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits
 
 EXACT = 14 * math.sqrt(1394) / 125 - 839 / 250
 _ORDER, _ARCS = (0, 2, 1), 6  # that rest by turns in the best gait; arcs a phase

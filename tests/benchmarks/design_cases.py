@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Rates, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Worm
+from wormopt.systems.spiked.limits import Limits, Rates
 
 Case = dict[str, Any]
 """``name``, and the tables ``worm`` and ``gait`` of a scene of kind gait-design."""

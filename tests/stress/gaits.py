@@ -26,7 +26,8 @@ from wormopt.systems.spiked.construct import accordion, block_wave, travelling_s
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
-from wormopt.systems.spiked.gait_problem import Cost, Limits, Objective, Search, Worm
+from wormopt.systems.spiked.gait_problem import Cost, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits
 
 # -- crawls --------------------------------------------------------------------------------------
 

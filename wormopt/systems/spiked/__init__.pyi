@@ -16,11 +16,11 @@ from wormopt.systems.spiked.design_tables import DesignTable as DesignTable
 from wormopt.systems.spiked.driven import driven_worm as driven_worm
 from wormopt.systems.spiked.files import gait_of_shape as gait_of_shape
 from wormopt.systems.spiked.gait_problem import GaitProblem as GaitProblem
-from wormopt.systems.spiked.gait_problem import Limits as Limits
 from wormopt.systems.spiked.gait_problem import Links as Links
 from wormopt.systems.spiked.gait_problem import Objective as Objective
 from wormopt.systems.spiked.gait_problem import Search as Search
 from wormopt.systems.spiked.gait_problem import Worm as Worm
+from wormopt.systems.spiked.limits import Limits as Limits
 from wormopt.systems.spiked.shapes import AccordionShape as AccordionShape
 from wormopt.systems.spiked.shapes import BlockWaveShape as BlockWaveShape
 from wormopt.systems.spiked.shapes import FileShape as FileShape

@@ -18,7 +18,7 @@ from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.model.motion import SampledMotion
 from wormopt.numerics.chebyshev import Series, resolve
-from wormopt.systems.spiked.gait_problem import Sharing
+from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.region import Region
 from wormopt.systems.spiked.sharing import share_load
 from wormopt.systems.spiked.stretches import (

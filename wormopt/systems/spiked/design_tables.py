@@ -8,14 +8,13 @@ from wormopt.errors import Fault
 from wormopt.study import Study, entry
 from wormopt.systems.spiked.gait_problem import (
     Cost,
-    GaitLimits,
     GaitProblem,
-    Limits,
     Objective,
     SceneWorm,
     Search,
     faults_of_cost,
 )
+from wormopt.systems.spiked.limits import GaitLimits, Limits
 from wormopt.systems.spiked.stepper.stepper import Motor
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from wormopt.model.friction import Spike
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.ocp.problem import Constraint, Ends, Problem
-from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Limits, Objective, Worm
+from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Worm
+from wormopt.systems.spiked.limits import Limits
 
 
 def spiked_worm(

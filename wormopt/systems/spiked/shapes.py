@@ -12,7 +12,7 @@ from msgspec import Meta
 from wormopt.errors import ArgumentError, Fault
 from wormopt.study.given import Given, entry, number, positive, says
 from wormopt.study.types import Pair, Positive, wrong_order
-from wormopt.systems.spiked.gait_problem import Sharing
+from wormopt.systems.spiked.limits import Sharing
 from wormopt.tables import SUFFIXES
 
 Few = Annotated[int, Meta(ge=1, description="a whole number, 1 or above")]

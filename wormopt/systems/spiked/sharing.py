@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from wormopt.systems.spiked.gait_problem import Sharing
+from wormopt.systems.spiked.limits import Sharing
 
 
 def share_load(

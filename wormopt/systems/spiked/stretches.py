@@ -12,7 +12,7 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import Series, relaxed, resolve
-from wormopt.systems.spiked.gait_problem import Sharing
+from wormopt.systems.spiked.limits import Sharing
 
 # A glide longer than this many time constants of drag is split after a number of them: the first
 # series contains the decay of the initial velocity, the second only drag and drive.

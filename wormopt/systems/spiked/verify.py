@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from wormopt.systems.spiked.crawl import Crawl
-from wormopt.systems.spiked.gait_problem import Limits, whole_beside
+from wormopt.systems.spiked.limits import Limits, whole_beside
 from wormopt.systems.spiked.stretches import at_breaks
 
 

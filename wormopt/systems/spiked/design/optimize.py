@@ -16,15 +16,8 @@ from wormopt.progress import Report, silent
 from wormopt.shown import enough
 from wormopt.systems.shared.sequences import Sequence_, ascending
 from wormopt.systems.spiked.design.design import Design, sharpest
-from wormopt.systems.spiked.gait_problem import (
-    Cost,
-    GaitProblem,
-    Limits,
-    Objective,
-    Rates,
-    Search,
-    Worm,
-)
+from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
 from wormopt.systems.spiked.search.search import Survey, search
 from wormopt.systems.spiked.search.trial import Trial, Trier

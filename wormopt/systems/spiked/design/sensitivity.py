@@ -22,7 +22,8 @@ from wormopt.errors import ArgumentError
 from wormopt.numerics.bilinear import Climb
 from wormopt.shown import Part, html, lines
 from wormopt.systems.spiked.design.design import Design
-from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Rates
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective
+from wormopt.systems.spiked.limits import Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.trial import Trial
 

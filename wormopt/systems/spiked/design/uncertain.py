@@ -21,7 +21,8 @@ from wormopt.progress import Report, silent
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.stretches import Drive, Stretch
 
 Burden = Literal["total", "actuators"]
