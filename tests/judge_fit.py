@@ -1,7 +1,7 @@
 """Fits judged on recordings made by scipy alone: do intervals hold the truth, do searches end well?
 
-`python tests/judge_fit.py 200 FILE` fits as many drawn worms and writes a line of JSON for each;
-`python tests/judge_fit.py FILE` tells what such lines say. With the word `design` in front, worms
+`python -m tests.judge_fit 200 FILE` fits as many drawn worms and writes a line of JSON for each;
+`python -m tests.judge_fit FILE` tells what such lines say. With the word `design` in front, worms
 with spikes get gaits that were designed on their fits.
 """
 
@@ -14,10 +14,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from by_crawling import Crawler, FastGait, recorded
-from by_recordings import Array, Course, Ground, Seen, chain, disturb, follow, smooth_waves, square
 
 import wormopt as wo
+from tests.oracles.by_crawling import Crawler, FastGait, recorded
+from tests.oracles.by_recordings import (
+    Array,
+    Course,
+    Ground,
+    Seen,
+    chain,
+    disturb,
+    follow,
+    smooth_waves,
+    square,
+)
 from wormopt.systems.spiked import Believed, Search, design_believed, driven_worm, on_plant
 
 MASS, START = np.array([1.0, 0.8, 1.1]), np.array([3.0, 1.5, 0.0])

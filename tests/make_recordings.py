@@ -1,6 +1,6 @@
 """Makes problems/recordings by scipy's steps and events alone: no code of the package.
 
-python tests/make_recordings.py makes them anew. What they are made with stands below, and in
+python -m tests.make_recordings makes them anew. What they are made with stands below, and in
 `truth` of the tests: the scenes must find it again.
 """
 
@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from by_crawling import Crawler, FastGait, recorded
-from by_recordings import Course, Ground, Seen, chain, disturb, follow, pair
+
+from tests.oracles.by_crawling import Crawler, FastGait, recorded
+from tests.oracles.by_recordings import Course, Ground, Seen, chain, disturb, follow, pair
 
 HERE = Path(__file__).parents[1] / "problems" / "recordings"
 

@@ -60,7 +60,7 @@ def installed(older: str, folder: Path) -> Path:
     wanted = str(path.resolve()) if path.is_file() else f"wormopt=={older}"
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-input",
            "--disable-pip-version-check", "--target", str(folder), wanted]  # fmt: skip
-    done = subprocess.run(pip, capture_output=True, text=True, check=False)  # noqa: S603
+    done = subprocess.run(pip, capture_output=True, text=True, check=False)
     if done.returncode or not (folder / "wormopt").is_dir():
         said = done.stderr.strip().splitlines() or ["it holds no wormopt"]
         raise ArgumentError(
@@ -76,7 +76,7 @@ def _archived(commit: str) -> bytes | None:
         return None
     asked = ["git", "-C", str(_HERE), "archive", "--format=tar", commit, "wormopt"]
     try:
-        done = subprocess.run(asked, capture_output=True, check=False)  # noqa: S603
+        done = subprocess.run(asked, capture_output=True, check=False)
     except OSError:
         return None
     return done.stdout if done.returncode == 0 else None
@@ -89,7 +89,7 @@ class _Worker:
         # -P and another folder: nothing of where the user is comes before the version
         command = [sys.executable, "-P", "-m", "tests.benchmarks.own_runs", str(root)]
         environment = os.environ | {"PYTHONPATH": str(_HERE)}
-        self._process = subprocess.Popen(  # noqa: S603
+        self._process = subprocess.Popen(
             command, cwd=folder, env=environment, text=True, stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         )  # fmt: skip

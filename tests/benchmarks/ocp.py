@@ -233,7 +233,7 @@ def rockit(grid: Grid) -> Solve:
     ocp.add_objective(ocp.T)
     ocp.method(peer.DirectCollocation(N=arcs, M=1, degree=grid.degree, scheme="radau"))
     ocp.solver("ipopt", Ipopt().as_casadi())
-    ocp._transcribe()  # noqa: SLF001  else the first solve does
+    ocp._transcribe()
 
     def solve() -> Answer:
         found = ocp.solve()

@@ -1,0 +1,897 @@
+"""Results for other tools, read back by tools that are not ours."""
+
+import csv
+import ctypes
+import io
+import os
+import re
+import shutil
+import subprocess
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+import yaml
+from numpy.polynomial import Polynomial
+from places import SAVED
+from scipy.io import loadmat
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.exports.files import identifier
+from wormopt.exports.matlab import field_names
+from wormopt.quantities import Scalar, Variable
+from wormopt.result import Result
+from wormopt.study import load_scene
+from wormopt.systems.chain import chain
+from wormopt.systems.recorded.recording_file import RecordingFile
+from wormopt.systems.recorded.recordings import runs_of
+
+GCC = shutil.which("gcc")
+needs_gcc = pytest.mark.skipif(GCC is None, reason="there is no gcc")
+
+
+@pytest.fixture(scope="module")
+def fast() -> Result:
+    return wo.run("fast_gait")
+
+
+def rough(links: int = 3) -> wo.Gait:
+    """Gait of uneven pieces, with polynomials of degree 5 and a harmonic, anything but smooth."""
+    rng = np.random.default_rng(5)
+    breaks = np.concatenate([[0.0], np.cumsum(rng.uniform(0.1, 0.5, 7))])
+    draw = rng.standard_normal
+    return wo.Gait(
+        breaks, draw((7, links, 6)), rng.uniform(1, 9, 7), draw((7, links)), draw((7, links))
+    )
+
+
+def by_formula(gait: wo.Gait, t: float, derivative: int) -> np.ndarray:
+    """Lengths, rates, ... by numpy's polynomials and by turning complex amplitudes."""
+    t = np.mod(t, gait.period)
+    q = max(np.flatnonzero(gait.breaks[:-1] <= t))
+    s = t - gait.breaks[q]
+    values = [
+        Polynomial(c).deriv(derivative)(s) if derivative else Polynomial(c)(s)
+        for c in gait.polynomial[q]
+    ]
+    if gait.omega is None or gait.cosine is None or gait.sine is None:
+        return np.array(values)
+    turning = (1j * gait.omega[q]) ** derivative * np.exp(1j * gait.omega[q] * s)
+    return np.array(values) + ((gait.cosine[q] - 1j * gait.sine[q]) * turning).real
+
+
+def columns(text: str) -> dict[str, np.ndarray]:
+    """Columns of a table by their names with units."""
+    rows = [*csv.reader(line for line in io.StringIO(text) if not line.startswith("#"))]
+    values = np.array([[float(v) for v in row] for row in rows[1:]])
+    return dict(zip(rows[0], values.T, strict=True))
+
+
+# -- CSV -----------------------------------------------------------------------------------------
+
+
+def test_signals_are_in_the_table_as_they_are_in_the_result(fast: Result, tmp_path: Path):
+    (file,) = wo.export(fast, "csv", tmp_path)
+    assert file == tmp_path / "fast_gait.csv"
+    table = columns(file.read_text("utf-8"))
+    assert next(iter(table)) == "time [1]"
+    assert np.array_equal(table["time [1]"], fast["time"].values)
+    for name in ("length", "rate", "acceleration", "position", "resting"):
+        for k, row in enumerate(fast[name].values):
+            assert np.array_equal(table[f"{name}_{k} [1]"], row)
+
+
+def test_units_stand_in_the_head(tmp_path: Path):
+    variables = (
+        Variable("time", "s", ("time",), np.array([0.0, 1.0])),
+        Variable("length", "m", ("link", "time"), np.array([[1.0, 2.0], [3.0, 4.0]])),
+        Variable("force", "N s m-1", ("tracker", "link", "time"), np.ones((1, 2, 2))),
+        Variable("event_time", "s", ("event",), np.array([0.25])),
+    )
+    wo.export(Result("walk", "gait", variables=variables), "csv", tmp_path)
+    heads = {path.name: path.read_text("utf-8").splitlines()[2] for path in tmp_path.iterdir()}
+    assert heads == {
+        "walk.csv": "time [s],force_0_0 [N s m-1],force_0_1 [N s m-1],length_0 [m],length_1 [m]",
+        "walk_event.csv": "event [1],event_time [s]",
+    }
+
+
+def test_a_gait_is_evaluated_and_not_interpolated(fast: Result, tmp_path: Path):
+    (file,) = wo.export(fast, "csv", tmp_path / "a.csv", step=0.007)
+    text = file.read_text("utf-8")
+    assert "by the gait's own formulas: length, rate, acceleration" in text
+    table = columns(text)
+    t = table["time [1]"]
+    assert [repr(v) for v in t[:4].tolist()] == ["0.0", "0.007", "0.014", "0.021"]
+    assert t[-1] == 0.994
+    gait = gait_in(fast)
+    for derivative, name in enumerate(("length", "rate", "acceleration")):
+        expected = np.array([by_formula(gait, at, derivative) for at in t]).T
+        found = np.array([table[f"{name}_{k} [1]"] for k in range(2)])
+        assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+    # the way of the head is between its samples
+    assert np.allclose(
+        table["position_0 [1]"], np.interp(t, fast["time"].values, fast["position"].values[0])
+    )
+    assert set(table["resting_0 [1]"]) <= {0.0, 1.0}
+
+
+def gait_in(result: Result) -> wo.Gait:
+    names = ("breaks", "polynomial", "omega", "cosine", "sine")
+    return wo.Gait(**{n: result[f"gait_{n}"].values for n in names if f"gait_{n}" in result})
+
+
+def test_a_reference_is_the_gait_and_a_length_beside_it_is_not(tmp_path: Path):
+    result = Result.load(SAVED / "random_links.nc")
+    time, reference = result["time"].values, result["reference"].values
+    strayed = Variable("length", "m", ("link", "time"), reference + 0.1 * np.sin(time))
+    mixed = Result("walk", "track", variables=(*result.variables, strayed))
+    (file,) = (f for f in wo.export(mixed, "csv", tmp_path, step=0.013) if f.stem == "walk")
+    table = columns(file.read_text("utf-8"))
+    t, gait = table["time [s]"], gait_in(result)
+    expected = np.array([by_formula(gait, at, 0) for at in t]).T
+    for k in range(2):
+        assert np.abs(table[f"reference_{k} [m]"] - expected[k]).max() < 1e-12
+        assert np.abs(np.interp(t, time, reference[k]) - expected[k]).max() > 1e-3
+        assert np.allclose(table[f"length_{k} [m]"], np.interp(t, time, strayed.values[k]))
+
+
+def test_a_result_without_time_is_written_over_its_own_dimensions(tmp_path: Path):
+    result = Result.load(SAVED / "film_basins.nc")
+    files = wo.export(result, "csv", tmp_path)
+    assert tmp_path / "film_basins_map_delta_map_tension.csv" in files
+    table = columns((tmp_path / "film_basins_map_delta_map_tension.csv").read_text("utf-8"))
+    (delta,) = (v for k, v in table.items() if k.startswith("map_delta "))
+    (tension,) = (v for k, v in table.items() if k.startswith("map_tension "))
+    (growth,) = (v for k, v in table.items() if k.startswith("map_growth "))
+    for d, s, g in zip(delta, tension, growth, strict=True):
+        i = result["map_delta"].values.tolist().index(d)
+        k = result["map_tension"].values.tolist().index(s)
+        assert np.array_equal(result["map_growth"].values[i, k], g, equal_nan=True)
+
+
+@pytest.mark.parametrize("path", sorted(SAVED.glob("*.nc")), ids=lambda path: path.stem)
+def test_every_result_is_written_whole(path: Path, tmp_path: Path):
+    result = Result.load(path)
+    files = wo.export(result, ["csv", "mat"], tmp_path)
+    heads = [
+        next(line for line in file.read_text("utf-8").splitlines() if line[0] != "#")
+        for file in files
+        if file.suffix == ".csv"
+    ]
+    names = re.findall(r"(?:^|,)(\w+) \[", "\n".join(heads), flags=re.MULTILINE)
+    for variable in result.variables:
+        own = re.compile(rf"{variable.name}(_\d+)*")
+        kept = variable.name.startswith("gait_") or variable.name in ("time", "instant")
+        assert kept or any(own.fullmatch(name) for name in names), variable.name
+    found = loadmat(tmp_path / f"{result.scene}.mat", simplify_cells=True)
+    for variable in result.variables:
+        there = found["variables"][variable.name]
+        assert np.array_equal(np.ravel(there["value"]), variable.values.ravel(), equal_nan=True)
+        assert there["units"] == variable.unit
+        assert np.atleast_1d(there["dims"]).tolist() == [*variable.dims]
+    fields = field_names([*result.scalars])
+    for name, scalar in result.scalars.items():
+        there = found["scalars"][fields[name]]
+        if isinstance(scalar.value, int | float):
+            assert there == {"value": scalar.value, "units": scalar.unit}
+    assert found["kind"] == result.kind
+
+
+def test_the_step_is_checked(fast: Result, tmp_path: Path):
+    for step, said in (
+        (0.0, "positive"),
+        (-1.0, "positive"),
+        (float("nan"), "positive"),
+        (1e-12, "larger"),
+        (float("inf"), "positive"),
+    ):
+        with pytest.raises(wo.ArgumentError, match=said):
+            wo.export(fast, "csv", tmp_path, step=step)
+    still = Result.load(SAVED / "segment_shapes.nc")
+    with pytest.raises(wo.ArgumentError, match="no time"):
+        wo.export(still, "csv", tmp_path, step=0.1)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_tenths_are_tenths(tmp_path: Path):
+    time = Variable("time", "s", ("time",), np.array([0.0, 0.25, 1.0]))
+    way = Variable("x", "m", ("time",), np.array([0, 2, 5]))
+    result = Result("walk", "gait", variables=(time, way))
+    (file,) = wo.export(result, "csv", tmp_path, step=0.1)
+    table = columns(file.read_text("utf-8"))
+    assert table["time [s]"].tolist() == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
+    # whole numbers are kept until the next
+    assert table["x [m]"].tolist() == [0, 0, 0, 2, 2, 2, 2, 2, 2, 2, 5]
+
+
+# -- read back -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def walk() -> Result:
+    """A gait in SI units, whose cycle is no multiple of 10 ms."""
+    scene = {"units": "SI", "gait": {"period": 37 / 30, "rest_length": 0.07, "elongation": 0.2}}
+    return wo.run("fast_gait", scene)
+
+
+@pytest.fixture(scope="module")
+def designed() -> Result:
+    """A gait of polynomials that runs as its cycle begins."""
+    return Result.load(SAVED / "certified_gait.nc")
+
+
+def test_a_gait_is_read_back_from_its_table(designed: Result, walk: Result, tmp_path: Path):
+    """With its breaks it is the same to the last digits where it is polynomial."""
+    for result, error in ((designed, 1e-13), (walk, 1e-9)):
+        (file, *_) = wo.export(result, "csv", tmp_path)
+        back, gait = wo.load_gait(file), gait_in(result)
+        t = np.linspace(0.0, gait.period, 1999)
+        assert back.period == gait.period
+        assert back.warnings == ()
+        assert np.abs(back(t) - gait(t)).max() < error * gait(t).max()
+
+
+@pytest.mark.parametrize("columns", [(), ("length",)])
+def test_a_gait_is_read_back_from_rows_at_ticks(
+    walk: Result, columns: tuple[str, ...], tmp_path: Path
+):
+    (file, *_) = wo.export(walk, "csv", tmp_path, step="10 ms", columns=columns)
+    back, gait = wo.load_gait(file), gait_in(walk)
+    assert f"# gait: length, cycle {gait.period!r} s" in file.read_text("utf-8").splitlines()
+    assert back.period == gait.period
+    rows = np.arange(124) / 100
+    assert np.abs(back(rows) - gait(rows)).max() < 1e-15
+    t = np.linspace(0.0, gait.period, 1999)
+    # where the acceleration jumps within a step, a spline is off by a part of jump * step²
+    jump = 2 * np.abs(gait(t, 2)).max()
+    assert np.abs(back(t) - gait(t)).max() < 0.05 * jump * 0.01**2
+
+
+def test_a_cycle_of_whole_ticks(walk: Result, tmp_path: Path):
+    """At 100 Hz a cycle of 37/30 s takes 1.24 s: slower, so that its limits hold."""
+    (file,) = wo.export(
+        walk, "csv", tmp_path / "a.csv", step="10 ms", whole_steps=True, columns=["length"]
+    )
+    text = file.read_text("utf-8")
+    assert "# gait: length, cycle 1.24 s" in text
+    assert "# cycle of 1.24 s, a multiple of the step, instead of 1.23333333333333" in text
+    table = columns(text)
+    assert list(table) == ["time [s]", "length_0 [m]", "length_1 [m]"]
+    assert table["time [s]"].tolist() == [k / 100 for k in range(125)]
+    slow = gait_in(walk).with_period(1.24)
+    found = np.array([table["length_0 [m]"], table["length_1 [m]"]])
+    assert np.abs(found - slow(table["time [s]"])).max() < 1e-15
+    assert np.array_equal(found[:, 0], found[:, -1])
+    assert wo.load_gait(file).period == 1.24
+
+
+def test_a_whole_cycle_holds_rates_and_accelerations(walk: Result, tmp_path: Path):
+    (file,) = wo.export(walk, "csv", tmp_path / "a.csv", step=0.01, whole_steps=True)
+    table = columns(file.read_text("utf-8"))
+    slow, t = gait_in(walk).with_period(1.24), table["time [s]"]
+    heads = ("length_{} [m]", "rate_{} [m s-1]", "acceleration_{} [m s-2]")
+    for derivative, head in enumerate(heads):
+        found = np.array([table[head.format(j)] for j in range(2)])
+        assert np.array_equal(found, slow(t, derivative))
+
+
+def test_a_cycle_that_is_a_multiple_stays_as_it_is(fast: Result, tmp_path: Path):
+    (file,) = wo.export(fast, "csv", tmp_path / "a.csv", step=0.1, whole_steps=True)
+    text = file.read_text("utf-8")
+    assert "multiple of the step" not in text
+    assert columns(text)["time [1]"].tolist() == [k / 10 for k in range(11)]
+
+
+def test_columns_that_are_not_there_are_refused(
+    walk: Result, fast: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(ValueError, match=r"has no column 'lenght'; it has 'time', .*'length_0'"):
+        wo.export(walk, "csv", tmp_path, columns=["lenght"])
+    with pytest.raises(ValueError, match="whole_steps needs a step"):
+        wo.export(walk, "csv", tmp_path, whole_steps=True)
+    with pytest.raises(ValueError, match=r"fewer than 3 steps of 0\.7; .* at most 0\.411"):
+        wo.export(walk, "csv", tmp_path, step=0.7, whole_steps=True)
+    fast.save(made(tmp_path / "fast"))
+    folder = str(tmp_path / "fast")
+    assert main(["export", folder, "--csv", "--columns", "lenght", "-o", str(tmp_path)]) == 2
+    assert "has no column 'lenght'" in capsys.readouterr().err
+
+
+def made(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
+
+
+def test_the_reference_of_a_tracked_worm_is_read_back(tmp_path: Path):
+    """Its links follow it within a tube only; they are no gait."""
+    time = np.linspace(0.0, 3.0, 301)
+    turning, cosine, sine = np.array([2 * np.pi / 1.5]), np.array([[0.1]]), np.zeros((1, 1))
+    gait = wo.Gait(np.array([0.0, 1.5]), np.ones((1, 1, 1)), turning, cosine, sine)
+    variables = (
+        Variable("time", "s", ("time",), time),
+        Variable("length", "m", ("link", "time"), gait(time) + 0.01 * np.sin(7 * time)),
+        Variable("reference", "m", ("link", "time"), gait(time)),
+        *(
+            Variable(f"gait_{name}", unit, dims, gait.arrays()[name])
+            for name, unit, dims in (
+                ("breaks", "s", ("gait_break",)),
+                ("polynomial", "m", ("gait_piece", "link", "gait_power")),
+                ("omega", "1", ("gait_piece",)),
+                ("cosine", "m", ("gait_piece", "link")),
+                ("sine", "m", ("gait_piece", "link")),
+            )
+        ),
+    )
+    (file,) = wo.export(Result("walk", "track", variables=variables), "csv", tmp_path)
+    back, t = wo.load_gait(file), np.linspace(0.0, 1.5, 997)
+    assert back.period == 1.5
+    assert np.abs(back(t) - gait(t)).max() < 1e-7
+
+
+def test_signals_without_units_are_read_back_as_a_recording(tmp_path: Path):
+    worm = chain(2, mass=1.0, stiffness=8.0, damping=2.0, rest_length=2.0)
+    motion = wo.simulate(worm, 1.0, x0={"velocity": [1.0, 0.0, 0.0]}, times=np.linspace(0, 1, 21))
+    variables = (
+        Variable("time", "1", ("time",), motion.time),
+        Variable("position", "1", ("mass", "time"), motion["position"]),
+    )
+    (file,) = wo.export(Result("walk", "simulate", variables=variables), "csv", tmp_path)
+    (run,) = runs_of([RecordingFile(file=str(file))], tmp_path, worm, "dimensionless", {}, "scene")
+    assert np.array_equal(run.recording.times, motion.time)
+    assert np.array_equal(run.recording.readings["position"], motion["position"])
+
+
+# -- MATLAB --------------------------------------------------------------------------------------
+
+
+def test_fields_have_names_that_matlab_allows():
+    long = "a" * 70
+    names = ["end", "speed", "2nd", "über λ", long, long + "b", "x_end", ""]
+    found = field_names(names)
+    assert found["speed"] == "speed"
+    assert found["end"] == "x_end"
+    assert len(set(found.values())) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z]\w{0,62}", name, re.ASCII) for name in found.values())
+
+
+def test_a_result_with_nearly_nothing_goes_to_matlab(tmp_path: Path):
+    scalars = {"gap": Scalar(None, "m"), "sets": Scalar([[1], [2, 3]]), "word": Scalar("λ")}
+    result = Result("leer", "gait", title="größer", scalars=scalars, trust={"warnings": ["naïve"]})
+    (file,) = wo.export(result, "mat", tmp_path)
+    found = loadmat(file, simplify_cells=True)
+    assert np.isnan(found["scalars"]["gap"]["value"])
+    assert found["scalars"]["sets"]["value"] == "[[1], [2, 3]]"
+    assert found["scalars"]["word"]["value"] == "λ"
+    assert found["title"] == "größer"
+    assert "naïve" in found["trust"]
+
+
+# -- C -------------------------------------------------------------------------------------------
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
+
+
+def compiled(folder: Path, sources: list[str], *flags: str) -> Path:
+    built = folder / "built"
+    call = [str(GCC), *STRICT, *flags, *sources, "-o", str(built), "-lm"]
+    done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return built
+
+
+@needs_gcc
+@pytest.mark.parametrize("which", ["fast", "rough", "one link", "accordion"])
+def test_c_gives_the_lengths_of_the_formulas(fast: Result, which: str, tmp_path: Path):
+    constant = wo.Gait(np.array([0.0, 2.0]), np.array([[[1.5]]]))
+    gait = {"fast": gait_in(fast), "rough": rough(), "one link": rough(1), "accordion": constant}[
+        which
+    ]
+    wo.export(gait, "c", tmp_path / "walk.c")
+    library = ctypes.CDLL(str(compiled(tmp_path, ["walk.c"], "-shared", "-fPIC")))
+    assert ctypes.c_double.in_dll(library, "walk_cycle").value == gait.period
+    at = np.random.default_rng(1).uniform(-3 * gait.period, 4 * gait.period, 500)
+    found = np.empty((3, gait.links))
+    pointers = [row.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for row in found]
+    for t in [*at, *gait.breaks[:-1]]:
+        library.walk_length(ctypes.c_double(t), *pointers)
+        expected = np.array([by_formula(gait, t, d) for d in range(3)])
+        assert np.abs(found - expected).max() <= 1e-12 * max(1.0, np.abs(expected).max())
+    library.walk_length(ctypes.c_double(-1e-300), None, None, pointers[0])  # a null pointer is none
+    assert np.allclose(found[0], by_formula(gait, 0.0, 2))
+    library.walk_length(ctypes.c_double(np.nan), *pointers)
+    assert np.all(np.isnan(found[0])) or gait is constant
+
+
+@needs_gcc
+def test_the_program_beside_it_tells_a_damaged_table(tmp_path: Path):
+    wo.export(rough(), "c", tmp_path / "walk.c")
+    program = compiled(tmp_path, ["walk.c", "walk_replay.c"])
+    assert subprocess.run([program], capture_output=True, check=False).returncode == 0
+    source = (tmp_path / "walk.c").read_text("utf-8")
+    found = re.search(r"coefficient\[PIECES\]\[LINKS\]\[POWERS\] = \{\s+\{\s+\{\s+(\S+),", source)
+    assert found is not None
+    exact = float.fromhex(found[1])
+    damaged = source.replace(found[1], (exact * (1 + 1e-9)).hex(), 1)
+    (tmp_path / "walk.c").write_text(damaged, "utf-8")
+    program = compiled(tmp_path, ["walk.c", "walk_replay.c"])
+    assert subprocess.run([program], capture_output=True, check=False).returncode == 1
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["2 λ-Würmer", "exp", "int", "a__b_", "my.gait", "*/ #error"])
+def test_odd_names_and_titles_compile(fast: Result, name: str, tmp_path: Path):
+    odd = Result(
+        name,
+        "gait",
+        title='*/ #error /* ??/ \\ "λ"\n\x07 %',
+        status="failed",
+        reason="no */ more",
+        variables=fast.variables,
+    )
+    header, source, replay = wo.export(odd, "c", tmp_path)
+    assert "failed: no * / more" in source.read_text("utf-8")
+    program = compiled(tmp_path, [source.name, replay.name])
+    assert subprocess.run([program], capture_output=True, check=False).returncode == 0
+    if shutil.which("g++"):
+        (tmp_path / "a.cpp").write_text(f'#include "{header.name}"\nint main() {{ return 0; }}\n')
+        call = ["g++", "-std=c++11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-c", "a.cpp"]
+        assert subprocess.run(call, cwd=tmp_path, check=False).returncode == 0
+
+
+def test_a_file_that_c_cannot_include_is_refused(tmp_path: Path):
+    with pytest.raises(wo.ArgumentError, match="letters and digits"):
+        wo.export(rough(), "c", tmp_path / 'a".c')
+
+
+@pytest.mark.parametrize("name", ["walk", "2 walk", "λ", "__a__b__", "", "a-b c"])
+def test_identifiers_are_such(name: str):
+    assert re.fullmatch(r"[A-Za-z]([A-Za-z0-9]|_(?!_))*(?<!_)", identifier(name))
+
+
+# -- ROS -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("step", "cycles"), [(0.01, 1), (0.1, 3), (1 / 3, 2)])
+def test_ros_trajectory(step: float, cycles: int, tmp_path: Path):
+    gait = rough()
+    (file,) = wo.export(gait, "ros", tmp_path, step=step, cycles=cycles)
+    message = yaml.safe_load(file.read_text("utf-8"))
+    assert set(message) == {"header", "joint_names", "points"}
+    assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    assert message["joint_names"] == ["link_0", "link_1", "link_2"]
+    total = [
+        p["time_from_start"]["sec"] * 10**9 + p["time_from_start"]["nanosec"]
+        for p in message["points"]
+    ]
+    assert total[-1] == round(gait.period * cycles * 1e9)
+    assert total[:-1] == [round(k * step * 1e9) for k in range(len(total) - 1)]
+    assert total[-1] - total[-2] <= step * 1e9
+    assert all(0 <= p["time_from_start"]["nanosec"] < 10**9 for p in message["points"])
+    for point, nanoseconds in zip(message["points"][:-1], total[:-1], strict=True):
+        assert set(point) == {
+            "positions",
+            "velocities",
+            "accelerations",
+            "effort",
+            "time_from_start",
+        }
+        for k, name in enumerate(("positions", "velocities", "accelerations")):
+            expected = by_formula(gait, nanoseconds / 1e9, k)
+            assert np.allclose(point[name], expected, rtol=1e-9, atol=1e-9)
+
+
+def points_of(file: Path) -> dict[str, np.ndarray]:
+    points = yaml.load(file.read_text("utf-8"), yaml.CSafeLoader)["points"]
+    times = [p["time_from_start"] for p in points]
+    found = {name: np.array([p[name] for p in points]).T for name in points[0] if name[-1] == "s"}
+    return found | {"t": np.array([t["sec"] + t["nanosec"] / 1e9 for t in times])}
+
+
+@pytest.mark.parametrize("cycles", [1, 3])
+def test_a_trajectory_that_begins_and_ends_at_rest(designed: Result, cycles: int, tmp_path: Path):
+    (file,) = wo.export(designed, "ros", tmp_path, step=0.002, cycles=cycles, rest=True)
+    gait, found = gait_in(designed), points_of(file)
+    assert "# Begins and ends at rest" in file.read_text("utf-8")
+    t, lengths, rates = found["t"], found["positions"], found["velocities"]
+    assert t[-1] == pytest.approx(gait.period * (cycles + 0.5), abs=1e-9)
+    for end in (0, -1):
+        assert np.abs(rates[:, end]).max() < 1e-12
+        assert lengths[:, end] == pytest.approx(gait(np.zeros(1))[:, 0], abs=1e-12)
+    # no rate grows, and velocities are the slopes of the positions
+    assert np.abs(rates).max() <= np.abs(gait(np.linspace(0, gait.period, 9999), 1)).max() + 1e-12
+    way = np.cumsum((rates[:, 1:] + rates[:, :-1]) / 2 * np.diff(t), axis=1)
+    accelerations = found["accelerations"]
+    breaks = 13 * (cycles + 1)  # where accelerations jump
+    most = breaks * np.abs(accelerations).max() * 0.002**2
+    assert np.abs(lengths[:, 1:] - lengths[:, :1] - way).max() < most
+    off = np.abs(np.gradient(rates, t, axis=1) - accelerations)
+    assert np.quantile(off, 0.9) < 1e-2 * np.abs(accelerations).max()
+    # between the ramps it is the gait
+    middle = (t > gait.period / 2) & (t < t[-1] - gait.period / 2)
+    assert np.abs(lengths[:, middle] - gait(t[middle] - gait.period / 4)).max() < 1e-9
+
+
+def test_a_trajectory_that_does_not_end_at_rest_says_so(
+    designed: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    designed.save(made(tmp_path / "walk"))
+    asked = ["export", str(tmp_path / "walk"), "--ros", "-o"]
+    assert main([*asked, str(tmp_path / "a.yaml")]) == 0
+    end = np.abs(gait_in(designed)(np.zeros(1), 1)).max()
+    said = f"Ends at velocities up to {end:.3g} m/s"
+    assert f"a.yaml: {said}" in capsys.readouterr().err
+    text = (tmp_path / "a.yaml").read_text("utf-8")
+    assert f"# {said}" in text
+    assert "allow_nonzero_velocity_at_trajectory_end" in text
+    assert main([*asked, str(tmp_path / "b.yaml"), "--rest", "--cycles", "2"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_trajectory_of_whole_ticks_repeats(walk: Result, tmp_path: Path):
+    (file,) = wo.export(walk, "ros", tmp_path, step=0.01, cycles=2, whole_steps=True)
+    found = points_of(file)
+    assert found["t"] == pytest.approx(np.arange(249) / 100, abs=1e-12)
+    assert found["positions"][:, :125] == pytest.approx(found["positions"][:, 124:], abs=1e-12)
+
+
+def test_small_and_large_numbers_are_numbers_in_yaml(tmp_path: Path):
+    gait = wo.Gait(np.array([0.0, 1.0]), np.array([[[1e-5, 2e22, -3e-17]]]))
+    (file,) = wo.export(gait, "ros", tmp_path, step=1.0)
+    first = yaml.safe_load(file.read_text("utf-8"))["points"][0]
+    assert [first[k][0] for k in ("positions", "velocities", "accelerations")] == [
+        1e-5,
+        2e22,
+        -6e-17,
+    ]
+
+
+def test_ros_refuses_what_it_cannot_say(tmp_path: Path):
+    slow = wo.Gait(np.array([0.0, 3e9]), np.ones((1, 1, 1)))
+    for gait, step, cycles in ((rough(), 1e-10, 1), (rough(), 0.1, 0), (slow, 1e8, 1)):
+        with pytest.raises(wo.ArgumentError):
+            wo.export(gait, "ros", tmp_path, step=step, cycles=cycles)
+    assert not [*tmp_path.iterdir()]
+
+
+# -- FMI -----------------------------------------------------------------------------------------
+
+needs_compiler = pytest.mark.skipif(
+    not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="there is no C compiler"
+)
+
+
+def scalars(signals: Any) -> list[str]:
+    return [s.name if s.size == 1 else f"{s.name}[{k}]" for s in signals for k in range(s.size)]
+
+
+def replayed(fmu: Path, model: wo.Model, end: float, **given: Any) -> np.ndarray:
+    """States at 11 instants, by FMPy with CVode, after a look at the FMU by its validator."""
+    fmpy = pytest.importorskip("fmpy")
+    assert pytest.importorskip("fmpy.validation").validate_fmu(str(fmu)) == []
+    names = scalars(model.x)
+    found = fmpy.simulate_fmu(
+        str(fmu),
+        stop_time=end,
+        output_interval=end / 4000,  # CVode takes 500 steps at most between two outputs
+        relative_tolerance=1e-13,
+        output=names,
+        start_values=given,
+    )
+    return np.array([found[name][::400] for name in names])
+
+
+def ours(model: wo.Model, end: float, v_reg: float = 1 / 40, **given: Any) -> np.ndarray:
+    times, tolerance = np.linspace(0, end, 11), wo.Tolerance(1e-12, 1e-12)
+    contact = wo.Smooth(v_reg)
+    motion = wo.simulate(model, end, contact=contact, times=times, tolerance=tolerance, p=given)
+    return motion.states
+
+
+def worm() -> wo.Model:
+    return wo.chain(
+        2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=wo.Coulomb(1.0, 10.0)
+    )
+
+
+@needs_compiler
+def test_a_model_with_inputs_and_parameters(tmp_path: Path):
+    model = worm()
+    (fmu,) = wo.export(model, "fmu", tmp_path)
+    assert fmu.name == "chain_of_2_links.fmu"
+    given = {"input[0]": 3.0, "input[1]": -2.0, "mass[1]": 1.7, "v_reg": 0.1}
+    found = replayed(fmu, model, 2.0, **given)
+    expected = ours(model, 2.0, 0.1, input=[3.0, -2.0], mass=[1.0, 1.7, 1.0])
+    assert np.abs(found - expected).max() < 1e-9
+    assert np.abs(found[:3, -1] - found[:3, 0]).max() > 0.1  # it moves
+
+
+@pytest.mark.slow
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.parametrize(
+    ("scene", "end"),
+    [pytest.param("fig05_lambda_trackers", 3.0, marks=pytest.mark.slow), ("random_links", 2.0)],
+)
+def test_trackers_of_a_result(scene: str, end: float, tmp_path: Path):
+    asked = load_scene(scene)
+    result = Result(asked.name, "track", asked.title, scene_text=asked.text)
+    fmus = wo.export(result, "fmu", tmp_path)
+    models = asked.table.models()
+    assert len(fmus) == len(models)
+    for fmu, model in zip(fmus, models.values(), strict=True):
+        v_reg = getattr(asked.table.contact, "v_reg", 1 / 40)
+        found, expected = replayed(fmu, model, end), ours(model, end, v_reg)
+        assert np.abs(found - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "scene", ["own_model", pytest.param("spiked_chain", marks=pytest.mark.slow)]
+)
+def test_a_simulated_model_that_time_moves(scene: str, tmp_path: Path):
+    asked = load_scene(scene)
+    result = Result(asked.name, "simulate", asked.title, scene_text=asked.text)
+    (fmu,) = wo.export(result, "fmu", tmp_path)
+    (model,) = asked.table.models().values()
+    found = replayed(fmu, model, 1.0)
+    assert np.abs(found - ours(model, 1.0)).max() < 1e-9
+
+
+def swing() -> wo.Model:
+    t, x, v, k = (ca.SX.sym(name) for name in ("t", "x", "v", "k"))
+    return wo.Model(
+        "swing",
+        x=[
+            wo.Signal("place", x, "length", nominal=3.0, value=0.5),
+            wo.Signal("speed of it, λ", v, "speed", value=0.0),
+        ],
+        ode=ca.vertcat(v, -k * x * t),
+        p=[wo.Signal("time", k, "s-3", value=2.0)],
+        t=t,
+        outputs=[wo.Output("pull", k * x * t, "acceleration")],
+    )
+
+
+@needs_compiler
+def test_time_alone_changes_what_an_fmu_gives(tmp_path: Path):
+    """What CasADi's own wrapper forgets: time set alone, derivatives at a time, usual sizes."""
+    fmpy = pytest.importorskip("fmpy")
+    (fmu,) = wo.export(swing(), "fmu", tmp_path)
+    description = fmpy.read_model_description(str(fmu))
+    references = {v.name: v.valueReference for v in description.modelVariables}
+    assert "'speed of it, _3bb_'" in references
+    unit = {v.name: v.unit for v in description.modelVariables}
+    assert (unit["place"], unit["pull"], unit["time"]) == ("m", "m s-2", "s-3")
+    folder = fmpy.extract(str(fmu), unzipdir=str(tmp_path / "open"))
+    instance = pytest.importorskip("fmpy.fmi3").FMU3Model(
+        guid=description.instantiationToken,
+        unzipDirectory=folder,
+        modelIdentifier=description.modelExchange.modelIdentifier,
+        instanceName="swing",
+    )
+    instance.instantiate()
+    instance.enterInitializationMode(startTime=3.0)
+    pulled = instance.getFloat64([references["pull"], references["time_"]])
+    assert pulled == [2.0 * 0.5 * 3.0, 3.0]
+    instance.exitInitializationMode()
+    instance.setTime(7.0)
+    assert instance.getFloat64([references["pull"], references["time_"]]) == [7.0, 7.0]
+    pull, place = references["pull"], references["place"]
+    assert instance.getDirectionalDerivative([pull], [place], [1.0]) == [14.0]
+    sizes = (ctypes.c_double * 2)()
+    instance.getNominalsOfContinuousStates(sizes, 2)
+    assert [*sizes] == [3.0, 1.0]
+    instance.terminate()
+    instance.freeInstance()
+
+
+@needs_compiler
+def test_the_sources_compile_with_the_headers_of_the_standard(tmp_path: Path):
+    fmpy = pytest.importorskip("fmpy")
+    (fmu,) = wo.export(swing(), "fmu", tmp_path)
+    zipfile.ZipFile(fmu).extractall(tmp_path)
+    assert not (tmp_path / "sources" / "fmi3Functions.h").exists()
+    headers = Path(str(fmpy.__file__)).parent / "c-code"
+    call = [str(GCC), "-std=c11", "-fPIC", "-shared", f"-I{headers}", "-o", "again.so"]
+    sources = [str(path) for path in (tmp_path / "sources").glob("*.c")]
+    assert len(sources) == 2
+    assert subprocess.run([*call, *sources, "-lm"], cwd=tmp_path, check=False).returncode == 0
+
+
+def test_models_that_no_fmu_can_be_are_refused(tmp_path: Path):
+    scene = load_scene("fig05_lambda_trackers")
+    (model, _) = scene.table.models().values()
+    x = ca.vertcat(*(s.symbol for s in model.x))
+    jumps = wo.Switch("turn", x[0] - 1, -x)
+    with pytest.raises(wo.ArgumentError, match="'turn' moves or ends"):
+        wo.export(replace(model, switches=[jumps]), "fmu", tmp_path)
+    z = wo.Signal("z", ca.SX.sym("z"))
+    with pytest.raises(wo.ArgumentError, match="algebraic"):
+        wo.export(replace(swing(), z=[z], alg=z.symbol - 1), "fmu", tmp_path)
+    assert not [*tmp_path.iterdir()]
+
+
+@needs_compiler
+def test_one_state_and_nothing_else(tmp_path: Path):
+    x = ca.SX.sym("x")
+    seen = wo.Switch("half of it", 0.5 - x, x)  # tells, and moves nothing
+    model = wo.Model("exp", x=[wo.Signal("x", x, value=1.0)], ode=-x, switches=[seen])
+    (fmu,) = wo.export(model, "fmu", tmp_path)
+    found = replayed(fmu, model, 1.0)
+    assert np.abs(found - np.exp(-np.linspace(0, 1, 11))).max() < 1e-10
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"kind": "gait"}', '{"kind": "simulate"}', "{"])
+def test_a_result_that_does_not_say_its_scene_is_refused(text: str, tmp_path: Path):
+    result = Result("walk", "simulate", scene_text=text)
+    with pytest.raises(wo.SceneError, match=r"run it again|missing"):
+        wo.export(result, "fmu", tmp_path)
+
+
+def test_without_a_compiler_there_is_no_fmu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("wormopt.exports.fmu.compiler", lambda: None)
+    with pytest.raises(wo.ArgumentError, match="needs a C compiler"):
+        wo.export(swing(), "fmu", tmp_path)
+
+
+# -- the command line ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def saved(fast: Result, tmp_path: Path) -> Path:
+    folder = tmp_path / "result"
+    folder.mkdir()
+    fast.save(folder)
+    return folder
+
+
+def test_several_formats_at_once(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "result", "--csv", "--mat", "--c", "--ros", "--cycles", "2"]) == 0
+    names = [f"fast_gait{end}" for end in (".csv", ".mat", ".h", ".c", "_replay.c", ".yaml")]
+    assert capsys.readouterr().out.split() == names
+    assert {path.name for path in tmp_path.iterdir()} == {*names, "result"}
+    assert main(["export", "result/result.nc", "--mat", "-o", "new/place", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert (tmp_path / "new" / "place" / "fast_gait.mat").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["result"], "--csv, --mat, --c, --ros, --fmu"),
+        (["nothing", "--csv"], "nothing"),
+        (["mine.txt", "--csv"], "no result of wormopt"),
+        (["result", "--fmu"], "kind simulate or track"),
+        (["result", "--csv", "--fmu"], "kind simulate or track"),
+        (["result", "--csv", "-o", "mine.txt"], "ends in .csv"),
+        (["result", "--csv", "-o", "mine.txt", "--force"], "ends in .csv"),
+        (["result", "--csv", "--mat", "-o", "a.csv"], "folder"),
+        (["result", "--csv", "-o", "there.csv"], "--force"),
+        (["result", "--csv", "-o", "linked.csv", "--force"], "never replaced"),
+        (["result", "--mat", "-o", "mine"], "cannot be written"),
+        (["result", "--mat", "-o", "mine", "--force"], "cannot be written"),
+        (["result", "--mat", "-o", "/dev/null/x"], "cannot be written"),
+        (["result", "--mat", "-o", "a\0b"], "cannot be written"),
+        (["result", "--mat", "-o", "a" * 300 + ".mat"], "File name too long"),
+        (["result", "--csv", "--step", "0"], "positive"),
+        (["result", "--csv", "--step", "10 mm"], "'10 mm'"),
+        (["result", "--csv", "--step", "often"], "write 0.01, say"),
+        (["result", "--ros", "--cycles", "0"], "cycles"),
+    ],
+)
+def test_what_is_refused_leaves_all_as_it_was(
+    saved: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    said: str,
+):
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine.txt", "there.csv", "mine"):
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "linked.csv").symlink_to("mine.txt")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert main(["export", *arguments]) == 2
+    assert said in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_what_is_written_does_not_hang_on_when(
+    fast: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def written(folder: str) -> dict[str, bytes]:
+        paths = wo.export(fast, ["csv", "mat", "c", "ros"], tmp_path / folder)
+        return {path.name: path.read_bytes() for path in paths}
+
+    first = written("a")
+    monkeypatch.setattr("time.time", lambda: 2e9)
+    monkeypatch.setattr("time.asctime", lambda *_: "Wed May 18 03:33:20 2033")
+    assert written("b") == first
+
+
+def test_force_replaces_files_and_never_folders(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    into = ["export", str(saved), "--csv", "--mat", "--c", "--ros", "-o", str(tmp_path / "all")]
+    assert main(into) == 0
+    assert main(into) == 0  # they are the same
+    assert main([*into, "--step", "0.1"]) == 2
+    assert main([*into, "--step", "0.1", "--force"]) == 0
+    for name in ("fast_gait.csv", "fast_gait.mat", "fast_gait.c", "fast_gait.yaml"):
+        edited = tmp_path / "all" / name
+        written = edited.read_bytes()
+        edited.write_bytes(written.replace(b"1", b"2", 1) + b"# mine")
+        kept = edited.read_bytes()
+        assert main([*into, "--force"]) == 2
+        assert edited.read_bytes() == kept
+        edited.write_bytes(written)
+    assert main([*into, "--force"]) == 0
+    capsys.readouterr()
+    (tmp_path / "there.csv").write_text("old, not made by wormopt")
+    assert main(["export", str(saved), "--csv", "-o", str(tmp_path / "there.csv"), "--force"]) == 2
+    assert "was not made by wormopt" in capsys.readouterr().err
+    assert (tmp_path / "there.csv").read_text("utf-8") == "old, not made by wormopt"
+    folder = tmp_path / "out"
+    (folder / "fast_gait.c").mkdir(parents=True)
+    assert main(["export", str(saved), "--c", "-o", str(folder), "--force"]) == 2
+    assert "is a folder" in capsys.readouterr().err
+    assert [path.name for path in folder.iterdir()] == ["fast_gait.c"]
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere"
+)
+def test_a_folder_that_may_not_be_written_to(saved: Path, tmp_path: Path):
+    (tmp_path / "locked").mkdir(mode=0o500)
+    assert main(["export", str(saved), "--csv", "-o", str(tmp_path / "locked")]) == 2
+
+
+def test_a_disk_that_fails_leaves_nothing_behind(
+    saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    write = Path.write_bytes
+
+    def full(path: Path, content: bytes) -> int:
+        if b"int main" in content:
+            raise OSError(28, "No space left on device")
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert main(["export", str(saved), "--c", "-o", str(tmp_path / "out")]) == 2
+    assert not [*(tmp_path / "out").iterdir()]
+
+
+def test_a_failed_result_says_so(fast: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    folder = tmp_path / "failed"
+    folder.mkdir()
+    fast.failed("it stopped short").save(folder)
+    assert main(["export", str(folder), "--csv", "--c", "--ros", "-o", str(tmp_path)]) == 0
+    assert "the result failed; the files state it: it stopped short" in capsys.readouterr().err
+    for name in ("fast_gait.csv", "fast_gait.h", "fast_gait.c", "fast_gait.yaml"):
+        assert "the result failed: it stopped short" in (tmp_path / name).read_text("utf-8")
+
+
+def test_a_result_of_a_strange_name_stays_in_the_folder(fast: Result, tmp_path: Path):
+    for name in ("../../evil", "/tmp/evil", "..", ""):
+        strange = Result(name, "gait", variables=fast.variables)
+        (file,) = wo.export(strange, "mat", tmp_path, force=True)
+        assert file.parent == tmp_path
+
+
+def test_only_known_formats(fast: Result, tmp_path: Path):
+    for formats in ("docx", [], ["csv", "exe"]):
+        with pytest.raises(wo.ArgumentError, match="formats are csv, mat, c, ros, fmu"):
+            wo.export(fast, formats, tmp_path)  # type: ignore[arg-type]
+    for what, into in ((rough(), "csv"), (rough(), "fmu"), (swing(), "c"), (swing(), "mat")):
+        with pytest.raises(wo.ArgumentError, match="takes a Result"):
+            wo.export(what, into, tmp_path)  # type: ignore[arg-type]

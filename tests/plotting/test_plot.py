@@ -1,0 +1,934 @@
+"""Pictures: written whole, labelled with units, honest about failure, legible for every n."""
+
+import dataclasses
+import io
+import json
+import re
+import sys
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.text import Text
+from PIL import Image, ImageSequence
+from places import SAVED
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.files import sealed
+from wormopt.kinds import KINDS
+from wormopt.plotting import draw, figure, save
+from wormopt.plotting.parts import LINKS, stretches
+from wormopt.quantities import Scalar
+from wormopt.result import Result
+from wormopt.systems.channel import pictures as rod
+
+# Packaged scenes whose results are drawn, by picture; those saved are made by results/make.py.
+SI = 'units="SI"'
+QUICK = ('search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1")
+
+
+def two_trackers(end: float, links: int = 2) -> tuple[str, ...]:
+    """`track_sine` with so many links."""
+    places = [2.0 * (links - i) for i in range(links + 1)]
+    changes = (f"worm.links={links}", f"start.position={places}", "tolerance.recheck=false")
+    return ("track_sine", SI, *changes, f"time.end={end}", "time.samples=41")
+
+
+SCENES: dict[str, tuple[str, ...]] = {
+    "limits": ("design_fast_gait", SI, *QUICK),
+    "front": ("pareto_speed_load",),
+    "certificate": ("certified_gait",),
+    "trackers": two_trackers(2.0),
+    "bode": ("linear_chain",),
+    "poles": ("linear_chain",),
+    "margins": ("linear_chain",),
+    "predictive": ("track_predictive",),
+    "estimates": ("track_predictive",),
+    "readings": ("tracker_readings",),
+    "bands": ("random_links",),
+    "signals": ("own_model", SI, "time.end=3.0"),
+    "comparison": ("compare_tracking",),
+    "draws": ("compare_tracking",),
+    "convergence": ("optimal_crawl",),
+    "waveform": ("pair_waveform_design",),
+    "drag_gait": ("peristaltic_drag",),
+    "body": ("peristaltic_switching",),
+    "switching": ("peristaltic_switching",),
+    "stress_strain": ("fig12_stress_strain",),
+    "velocity": ("fig13_magnetic_pair",),
+    "resonance": ("resonance_curve",),
+    "coil_pressure": ("fig25_coil_pressure",),
+    "membrane": ("membrane",),
+    "segment": ("peristaltic_segment",),
+    "stroke": ("peristaltic_segment", "points=21"),
+    "worm": ("peristaltic_tube",),
+    "course": ("peristaltic_tube",),
+    "steps": ("prototype_steps",),
+    "channel_velocity": ("fig19_channel_worm",),
+    "segment_shapes": ("segment_shapes",),
+    "coil_film": ("fig24_travelling_wave",),
+    "cargo": ("coil_cargo",),
+    "carried": ("body_in_film",),
+    "floats": ("fig27_float", "time.periods=3.0"),
+    "travelling_field": ("travelling_field",),
+    "coil_design": ("coil_cargo_design",),
+    "row_currents": ("coil_row_inverse",),
+    "reversals": ("three_masses_harmonic",),
+    "film": ("fig15_film_flow",),
+    "ride": ("fig27_float", "film.delta=0.65", "floats.length=[0.0,0.5]", "tracers.height=[0.5]"),
+    "film_wave": ("film_wave_design",),
+    "forward": ("film_forward",),
+    "basins": ("film_basins",),
+    "rod_motion": ("fig21_rod_motion",),
+    "peristalsis": ("peristaltic_design", "worm.segments=3", "limits.reserve=1.0"),
+    "swim": ("planar_purcell",),
+    "heights": ("planar_purcell",),
+    "serpenoid": ("planar_serpenoid", SI, "waves=[]"),
+    "plane": ("planar_chain",),
+    "forces": ("planar_chain",),
+    "block": ("planar_block",),
+    "planar_gait": ("planar_gait_design",),
+    "crawl": ("planar_three_link",),
+    "turning": ("planar_turn_in_place",),
+    "path": ("planar_path",),
+    "rod_frequency": ("fig22_frequency_response",),
+    "region": ("gait_region",),
+    "recordings": ("fit_chain",),
+    "correlation": ("fit_chain",),
+    "prediction": ("fit_chain",),
+    "parameters": ("fit_pair",),
+    "profiles": ("fit_pair",),
+    "measurements": ("fit_channel_worm",),
+    "errors": ("experiment_chain",),
+    "regions": ("experiment_chain",),
+    "loads": ("fit_then_design",),
+    "shift": ("gait_shift",),
+    "transitions": ("gait_shift",),
+}
+THREE = (
+    'tracker=[{feedback="filter", tube_radius=0.2, growth=1e4, filter_start=0.0}, '
+    '{feedback="derivative", tube_radius=0.2, growth=1e4}, {feedback="funnel", '
+    "funnel={start=2.0, end=0.2, time=0.5}, rate_funnel={start=20.0, end=5.0, time=0.5}}]"
+)
+
+
+PICTURES = sorted({picture for kind in KINDS.values() for picture in kind.pictures})
+
+
+@cache
+def real(name: str, *changes: str) -> Result:
+    """Result of a packaged scene: saved where that takes long, computed once otherwise."""
+    saved = SAVED / f"{name}.nc"
+    if saved.exists() and not changes:
+        return Result.load(saved)
+    return wo.run(wo.load_scene(name, changes))
+
+
+def sample(picture: str) -> Result:
+    return real(*SCENES.get(picture, ("fast_gait", SI)))
+
+
+def crawl(trackers: int = 2, links: int = 2) -> Result:
+    """A chain of so many links under two trackers of `track_sine`, or a funnel besides."""
+    more = (THREE,) if trackers == 3 else ()
+    return real(*two_trackers(2.0 if links == 2 else 0.1, links), *more)
+
+
+def without(result: Result, *beginnings: str) -> Result:
+    """A result that lacks the variables whose names begin so."""
+    kept = tuple(v for v in result.variables if not v.name.startswith(beginnings))
+    return dataclasses.replace(result, variables=kept)
+
+
+def texts(drawn: Figure) -> str:
+    """What stands above a picture: title, failure, facts."""
+    above = " ".join(text.get_text() for text in drawn.texts)
+    return re.sub(r"\s+", " ", above)
+
+
+def entries(drawn: Figure) -> list[str]:
+    """Words of all legends."""
+    legends = [*drawn.legends, *(axes.get_legend() for axes in drawn.axes)]
+    return [text.get_text() for found in legends if found for text in found.get_texts()]
+
+
+@cache
+def standard(picture: str) -> Figure:
+    """A picture as wide as a column, where there is least room, to be looked at only."""
+    return figure(sample(picture), picture, width=85)
+
+
+# One of each way to draw: lines, bars, colours, shades, outlines. All others are drawn, though not
+# written, where their texts are looked at.
+WRITTEN = {"gait", "limits", "certificate", "bands", "basins", "segment_shapes", "motion"}
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        pytest.param(p, marks=() if p in WRITTEN else pytest.mark.slow)
+        for p in PICTURES
+        if p != "animation"
+    ],
+)
+def test_every_picture_is_written(picture: str, tmp_path: Path):
+    path = tmp_path / f"{picture}.png"
+    draw(sample(picture), picture, path, width=85)
+    with Image.open(path) as image:
+        # as wide as a column; as tall as what it shows: three bars are a flat picture
+        assert image.width > 500
+        assert image.height > image.width / 5
+        assert len(image.convert("RGB").getcolors(1_000_000) or []) > 20
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    "objective", ["speed", pytest.param("peak_spike_load", marks=pytest.mark.slow)]
+)
+def test_bars_of_limits_tell_which_way_helps(objective: str):
+    cost = f"objective={{minimise={objective!r}, speed=0.5}}"
+    result = real("design_fast_gait", SI, *QUICK, *([cost] if objective != "speed" else []))
+    known, elasticity = result.attributes["limits"], result["limit_elasticity"].values
+    binding = np.argsort(-abs(elasticity))[: np.sum(abs(elasticity) > 1e-6)]
+    known["one_sided"] = [name == "worm.load" for name in known["name"]]
+    axes = figure(result, "limits").axes[0]
+    bars = [bar for bar in axes.patches if isinstance(bar, Rectangle)]
+    assert [bar.get_width() for bar in bars] == elasticity[binding].tolist()
+    widths = {round(bar.get_width(), 3) for bar in bars}
+    assert widths >= ({0.789, 0.211, 0.104} if objective == "speed" else {0.829, -0.332})
+    raised, lowered = LINKS[::3][:2] if objective == "speed" else LINKS[3::-3]
+    for bar in bars:
+        colour = raised if bar.get_width() > 0 else lowered
+        assert same_color(bar.get_facecolor(), colour)
+    ticks = [text.get_text() for text in axes.get_yticklabels()]
+    assert ticks[:1] == (
+        ["gait.rate = 1 m\xa0s$^{-1}$"] if objective == "speed" else ["worm.load = 5 N"]
+    )
+    assert "gait.acceleration = 20 m\xa0s$^{-2}$" in ticks
+    marked = [text.get_text() for text in axes.texts]
+    told = [f"{elasticity[k]:+.3g}{' *' * known['one_sided'][k]}" for k in binding]
+    assert marked == [text.replace("-", "−") for text in told]
+    narrow = figure(result, "limits", width=85)
+    numbers = [c for text, _, c in boxes(narrow) if re.fullmatch(r"[+−][\d.]+( \*)?", text)]
+    beside = [c for c in numbers if c[0, 0] > narrow.axes[0].bbox.x1]  # clear of bars and names
+    assert len(beside) == len(told)
+    notes = texts(figure(result, "limits"))
+    assert "influence: gait.length.shortest, gait.length.longest" in notes
+    assert "0: gait.sigma_margin" in notes
+
+
+def wave(links: int) -> Result:
+    """A block wave of `uphill_gait` with so many links; from three on the worm glides."""
+    return real("uphill_gait", f"worm.links={links}", "gait.resting=1")
+
+
+@pytest.mark.parametrize(
+    "links", [1, 8, *(pytest.param(n, marks=pytest.mark.slow) for n in range(2, 8))]
+)
+def test_pictures_for_every_number_of_links(links: int):
+    for picture in ("gait", "motion", "spikes", "animation"):
+        drawn = figure(wave(links), picture)
+        drawn.draw_without_rendering()
+        assert drawn.axes
+
+
+@pytest.mark.parametrize("picture", PICTURES)
+def test_axes_carry_symbols_and_units(picture: str):
+    # those of readings stand side by side only on a page
+    drawn = figure(sample(picture), picture) if picture == "readings" else standard(picture)
+    last = [a for a in drawn.axes if a.get_visible() and a.get_label() != "<colorbar>"][-1]
+    # waveforms are always dimensionless, and gains are told by the scene's numbers
+    plain = {"waveform": "time $t$", "margins": "gain $k$"}
+    assert last.get_xlabel().endswith(plain.get(picture, ")"))
+    assert "$" in last.get_xlabel()
+    first = [axes for axes in drawn.axes if (at := axes.get_subplotspec()) and at.is_first_col()]
+    labelled = [axes.get_ylabel() for axes in first if len(axes.get_yticks())]
+    assert all(labelled)
+
+
+def test_axes_without_units_carry_symbols_alone():
+    bare = figure(real("fast_gait"), "gait")
+    assert bare.axes[0].get_ylabel() == "link length $l_j$"
+
+
+def test_reversals_are_drawn_without_an_exact_motion_too():
+    found = sample("reversals")
+    lost = without(found, "event_", "center_velocity")
+    averaged = tuple(v for v in found.variables if v.name == "center_velocity_averaged")
+    lost = dataclasses.replace(lost, variables=(*lost.variables, *averaged))
+    whole, lost = (figure(result, "reversals").axes for result in (found, lost))
+    assert len(whole[1].get_lines()) == len(lost[1].get_lines()) + 1
+    dots = [line for line in whole[0].get_lines() if line.get_marker() == "o"]
+    at = [float(np.ravel(dot.get_xdata())[0]) for dot in dots]
+    assert at == found["event_share"].values.tolist()
+    # three masses, a third of a period apart, each reverses twice
+    assert at[2:] == pytest.approx([share + 1 / 3 for share in at[:-2]], abs=1e-3)
+    assert not [line for line in lost[0].get_lines() if line.get_marker() == "o"]
+    legend = whole[1].get_legend()
+    assert legend
+    labels = [text.get_text().replace("\n", " ") for text in legend.get_texts()]
+    assert labels == ["exact", "averaged, order 1", "steady", "steady, unstable"]
+
+
+def test_velocities_in_a_channel_show_what_was_measured_where_it_was():
+    result = sample("channel_velocity")
+    nothing = {name: Scalar([]) for name in result.scalars if name.startswith("measured")}
+    nothing |= {name: Scalar(None) for name in ("valid_below", "stops_above")}
+    unseen = dataclasses.replace(result, scalars=dict(result.scalars) | nothing)
+    told, bare = (figure(r, "channel_velocity").axes[0] for r in (result, unseen))
+    labels = told.get_legend_handles_labels()[1]
+    assert labels[:3] == [
+        "sine: 1.457 mm per switch", "beam: 1.431 mm per switch", "line: 1.261 mm per switch"
+    ]  # fmt: skip
+    assert labels[3].startswith("sample 1: measured")
+    assert labels[3].endswith(": 78.9\xa0mm\xa0s$^{-1}$")
+    assert labels[5:] == [
+        r"eq. 32 not valid: $n \geq$ 100",
+        "stands still above 950, from the text",
+    ]
+    first, second = (line for line in told.get_lines() if line.get_marker() not in ("None", ""))
+    assert np.ravel(first.get_xydata()) == pytest.approx([100.0, 78.9])
+    assert np.ravel(second.get_xydata()) == pytest.approx([250.0, 100.0])
+    (shade,) = told.patches
+    assert shade.get_window_extent().x0 == pytest.approx(told.transData.transform((100, 1))[0])
+    assert len(bare.get_legend_handles_labels()[1]) == 3
+
+
+def test_a_body_in_a_channel_is_drawn_as_thick_as_it_is():
+    result = sample("segment_shapes")
+    drawn = figure(result, "segment_shapes")
+    above, _, below = drawn.axes
+    outline = next(p for p in above.patches if p.get_label() == "body, rod")
+    corners = np.asarray(outline.get_path().vertices)
+    thick, wide = 1e3 * result.scalars["body"].value, 1e3 * result.scalars["channel"].value
+    assert (thick, wide) == (4.0, 11.0)
+    # about the centre line of the rod, at right angles to it
+    middle = 1e3 * result["y"].values[-1]
+    half = thick / 2 * np.cos(result["theta"].values[-1])
+    assert corners[:, 1].min() == pytest.approx((middle - half).min(), abs=1e-6)
+    assert corners[:, 1].max() == pytest.approx((middle + half).max(), abs=1e-6)
+    assert corners[:, 1].min() > -0.05  # between the walls, but for what they give
+    assert corners[:, 1].max() < wide + 0.05
+    styles = [line.get_linestyle() for line in above.get_lines()]
+    assert styles[:3] == ["--"] * 3
+    assert "rod at rest at 4600 ampere-turns" in texts(drawn)
+    assert len(below.get_lines()) == 5  # distances of the others from the rod
+
+
+def test_a_branch_is_dashed_where_it_is_not_stable_and_its_fold_marked():
+    result = sample("resonance")
+    above = figure(result, "resonance").axes[0]
+    labels = {line.get_label(): line.get_linestyle() for line in above.get_lines()}
+    assert labels["average"] == "-"
+    assert labels["average, unstable"] == "--"
+    (fold,) = result.scalars["delta_fold"].value
+    assert [text.get_text() for text in above.texts] == [f"fold {fold:.4g}"]
+
+
+def test_a_ride_shows_velocities_where_there_are_no_tracers():
+    found = sample("ride")
+    with_tracers, bare = (figure(r, "ride").axes for r in (found, without(found, "tracer_")))
+    assert with_tracers[-1].get_ylabel() == "height $z$"
+    assert bare[-1].get_ylabel() == "velocity over the wave's"
+    legend = with_tracers[0].get_legend()
+    assert legend
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels == ["length 0, held", "length 0.5", "crests of the film"]
+
+
+def test_a_wave_is_drawn_without_other_films_too():
+    found = sample("film_wave")
+    whole, plain = (figure(r, "film_wave").axes for r in (found, without(found, "sweep_")))
+    assert len(whole) == len(plain) + 1
+    assert whole[-1].get_xlabel() == "surface tension ($W$)"
+    assert plain[-1].get_xlabel() == whole[2].get_xlabel()
+
+
+def test_fields_of_a_film_are_shown_over_their_mean():
+    result = sample("film")
+    fields = next(a for a in figure(result, "film").axes if a.get_ylabel().startswith("$H^2"))
+    for line in fields.get_lines():
+        assert np.mean(np.asarray(line.get_ydata())[:-1]) == pytest.approx(1.0)
+    told = [text.split(": ") for text in fields.get_legend_handles_labels()[1]]
+    assert [float(delta) for delta, _ in told] == pytest.approx(result["field_delta"].values)
+    means = [float(mean.replace("·10$^{", "e").strip("}$")) for _, mean in told]
+    assert means == pytest.approx(result["field_curves"].values[:, :-1].mean(axis=1), rel=1e-3)
+
+
+def test_a_map_of_films_names_its_outcomes_and_marks_unstable_waves():
+    drawn = figure(sample("basins"), "basins")
+    assert [text.get_text() for text in drawn.legends[0].get_texts()] == [
+        "takes the wave", "another steady film", "still moves", "breaks", "not resolved"
+    ]  # fmt: skip
+    marked = {t.get_text(): t.get_fontproperties().get_weight() for t in drawn.axes[0].texts}
+    assert marked["+0.50"] == marked["+0.47"] == "bold"
+    assert {marked[stable] for stable in ("−0.24", "−0.31", "−1.62", "−0.44")} == {"normal"}
+    assert "bold where it is unstable" in texts(drawn)
+
+
+def test_a_course_marks_where_the_film_broke():
+    result = sample("basins")  # whose film breaks
+    course = figure(result, "forward").axes[0]
+    (cross,) = (line for line in course.get_lines() if line.get_marker() == "x")
+    at, when = (result.scalars[f"broke_{name}"].value for name in ("xi", "time"))
+    assert np.ravel(cross.get_xydata()) == pytest.approx([at / np.pi, when / (2 * np.pi)])
+    assert 0 < when < 1
+
+
+def test_units_are_raised():
+    rates = figure(sample("gait"), "gait").axes[1]
+    assert rates.get_ylabel() == "rate $\\dot l_j$ (m\xa0s$^{-1}$)"
+
+
+def test_limits_are_thin_dashed_lines():
+    result = sample("limits")
+    drawn = figure(result, "gait")
+    lengths, rates, accelerations, _ = drawn.axes
+    assert "limit" in entries(drawn)
+    for axes, limits in (
+        (lengths, {0.7, 1.3}), (rates, {-1.0, 1.0}), (accelerations, {-20.0, 20.0})
+    ):  # fmt: skip
+        dashed = thin(axes)
+        drawn_at = sorted({float(np.ravel(line.get_ydata())[0]) for line in dashed})
+        assert drawn_at == pytest.approx(sorted(limits), rel=1e-12)
+    ranges = "gait.length=[[0.7, 1.3], [0.6, 1.4]]"
+    uneven = "gait.rate={contraction=[1.0, 1.2], extension=[2.0, 2.2]}"
+    apart = figure(real("design_fast_gait", SI, *QUICK, ranges, uneven), "gait")
+    for axes, limits in (
+        (apart.axes[0], [0.7, 1.3, 0.6, 1.4]),
+        (apart.axes[1], [-1, 2, -1.2, 2.2]),
+    ):
+        dashed = thin(axes)
+        assert [float(np.ravel(line.get_ydata())[0]) for line in dashed] == pytest.approx(
+            limits, rel=1e-12
+        )
+    assert len(figure(sample("gait"), "gait").axes[0].get_lines()) == 2
+    assert "limit" not in entries(figure(sample("gait"), "gait"))
+
+
+def thin(axes: Axes) -> list[Line2D]:
+    """Lines that are level, from one side to the other: limits."""
+    return [line for line in axes.get_lines() if len(np.ravel(line.get_xdata())) == 2]
+
+
+def test_curves_that_cover_each_other_are_told_apart_in_grey():
+    """Every link of a gait has its own pair of colour and dashes, up to eight."""
+    for links in (2, 8):
+        lengths = figure(wave(links), "gait").axes[0]
+        own = [(str(line.get_color()), str(line._dash_pattern)) for line in lengths.get_lines()]  # pyright: ignore
+        assert len(set(own)) == links
+
+
+def test_motion_shows_two_periods_and_the_masses_at_rest():
+    """Of gait (15) the masses 1, 0 and 2 rest for a third of the period each; it advances 1.2."""
+    (axes,) = figure(sample("motion"), "motion").axes
+    heavy = [c for c in axes.collections if isinstance(c, LineCollection)]
+    spans = [
+        [np.asarray(path.vertices)[:, 1].tolist() for path in lines.get_paths()] for lines in heavy
+    ]
+    for turn, of_masses in ((0, spans[:3]), (1, spans[3:])):
+        for (span,), start in zip(of_masses, (1 / 3, 0.0, 2 / 3), strict=True):
+            assert span == pytest.approx([turn + start, turn + start + 1 / 3])
+    assert np.ravel(axes.get_lines()[3].get_xdata())[0] == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize(
+    "links", [2, 9, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8, 30))]
+)
+def test_pictures_of_chains_for_every_number_of_links(links: int):
+    for picture in ("trackers", "motion"):
+        drawn = figure(crawl(3 if links == 2 else 2, links), picture)
+        drawn.draw_without_rendering()
+    shown = [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert shown[-1] == "rests"
+    assert len(shown) == (links + 2 if links <= 8 else 3)
+
+
+def test_trackers_stand_side_by_side_on_the_same_scales():
+    result = crawl(3)
+    drawn = figure(result, "trackers")
+    axes = np.array(drawn.axes[:15]).reshape(5, 3)
+    names = ["tracker (14)", "tracker (13)", "funnel controller"]
+    assert [a.get_title(loc="left") for a in axes[0]] == names
+    for row in axes:
+        assert len({a.get_ylim() for a in row}) == 1
+        assert row[0].get_ylabel()
+    # the strip is lambda wide on either side of the reference
+    strip = np.asarray(axes[0, 0].collections[0].get_paths()[0].vertices)
+    reference = result["reference"].values[0]
+    assert strip[:, 1].min() == pytest.approx(reference.min() - 0.2)
+    assert strip[:, 1].max() == pytest.approx(reference.max() + 0.2)
+
+
+def test_motions_of_simulations_mark_each_tracker_s_own_rests():
+    result = crawl(2)
+    axes = figure(result, "motion").axes
+    rests = {name: result[f"rest_{name}"].values for name in ("start", "end", "contact", "tracker")}
+    found = []
+    for tracker in (0, 1):
+        heavy = [c for c in axes[tracker].collections if isinstance(c, LineCollection)]
+        paths = [np.asarray(path.vertices)[:, 1] for lines in heavy for path in lines.get_paths()]
+        own = rests["tracker"] == tracker
+        told = set(zip(rests["start"][own], rests["end"][own], strict=True))
+        found.append({(path[0], path[-1]) for path in paths})
+        # those shorter than a point are not drawn
+        assert {(a, b) for a, b in told if b - a > 0.01} <= found[-1] <= told
+    assert found[0] != found[1]
+
+
+def test_bands_hold_the_median():
+    result = sample("bands")
+    drawn = figure(result, "bands")
+    lines = drawn.axes[0].get_lines()
+    medians = [np.asarray(line.get_ydata()) for line in lines if line.get_linestyle() == "-"]
+    assert result["quantile"].values[2] == 0.5
+    assert medians[0] == pytest.approx(result["length_band"].values[0, 2, 0])
+
+
+@pytest.mark.parametrize("contacts", [1, 3, 12])
+def test_signals_show_rests_as_shades_or_as_a_band(contacts: int):
+    if contacts == 1:
+        result = sample("signals")
+    else:
+        places = [2.0 * (contacts - 1 - i) for i in range(contacts)]
+        changes = [f"worm.links={contacts - 1}", f"start.position={places}", "time.end=1.0"]
+        gait = 'actuation={law="gait", gait={shape="sine", period=1.0, amplitude=0.2}}'
+        result = real("spiked_chain", *changes, gait, "tolerance.recheck=false")
+    drawn = figure(result, "signals")
+    drawn.draw_without_rendering()
+    signals = result.attributes["signals"]
+    assert len(drawn.axes) == len(signals) + (contacts > 1)
+    assert drawn.axes[2].get_ylabel().startswith(signals[2].replace("_", "\n"))
+    assert ("at rest" in entries(drawn)) == (contacts == 1)
+
+
+def test_failed_results_are_marked():
+    failed = dataclasses.replace(sample("gait"), status="failed", reason="spike_load is too low")
+    for picture in ("gait", "motion", "spikes", "animation"):
+        for title in (True, False):
+            drawn = figure(failed, picture, title=title)
+            assert "failed: spike_load is too low" in texts(drawn)
+            assert (failed.title in texts(drawn)) == title
+        assert "failed" not in texts(figure(sample(picture), picture))
+
+
+def test_a_front_shows_what_was_not_accepted_hollow():
+    found = sample("front")
+    assert found["front_accepted"].values.tolist() == [1, 1, 1, 1]
+    lost = dataclasses.replace(found["front_accepted"], values=np.array([1, 1, 0, 1]))
+    variables = (*without(found, "front_accepted", "front_order").variables, lost)
+    (axes,) = figure(dataclasses.replace(found, variables=variables), "front").axes
+    drawn = {line.get_label(): line for line in axes.get_lines()}
+    good, bad = drawn["best found"], drawn["not accepted"]
+    speed = found["front_speed"].values
+    assert np.asarray(good.get_xdata()).tolist() == speed[[0, 1, 3]].tolist()
+    assert np.asarray(bad.get_xdata()).tolist() == speed[[2]].tolist()
+    assert bad.get_markerfacecolor() == "none"
+    assert axes.get_ylabel() == r"largest load on a spike, max $\lambda_i$ (N)"
+
+
+def test_missing_variables_are_named_and_leave_no_file(tmp_path: Path):
+    result = without(sample("gait"), "resting", "length", "rate")
+    with pytest.raises(KeyError, match="no scalar or variable 'resting'"):
+        draw(result, "gait", tmp_path / "gait.png")
+    there = "no picture 'portrait' of kind gait; there are: gait, motion"
+    with pytest.raises(ValueError, match="did you mean motion"):
+        figure(result, "motions")
+    with pytest.raises(ValueError, match=there):
+        draw(result, "portrait", tmp_path / "portrait.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
+    path = tmp_path / "front.unknown"
+    path.write_text("old")
+    with pytest.raises(ValueError, match=r"no format unknown; write \.png, \.pdf, \.svg"):
+        draw(sample("front"), "front", path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_animation_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("wormopt.systems.spiked.pictures.FRAMES", 12)  # of 72
+    path = tmp_path / "animation.gif"
+    draw(sample("animation"), "animation", path, width=50)
+    assert path.stat().st_size < 2_000_000
+    with Image.open(path) as film:
+        assert getattr(film, "n_frames", 1) == 12
+        first = np.asarray(film.convert("RGB"))
+        film.seek(6)
+        assert (np.asarray(film.convert("RGB")) != first).any()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_letters_without_a_glyph_do_no_harm(tmp_path: Path):
+    draw(dataclasses.replace(sample("front"), title="蠕虫 λ"), "front", tmp_path / "front.png")
+    assert (tmp_path / "front.png").stat().st_size > 1000
+
+
+def boxes(drawn: Figure) -> list[tuple[str, float, np.ndarray]]:
+    """Every text that is seen, its size in points, and its corners in pixels."""
+    canvas = FigureCanvasAgg(drawn)
+    drawn.draw_without_rendering()
+    hidden: set[Text] = set()
+    for axis in (a for axes in drawn.axes for a in (axes.xaxis, axes.yaxis)):
+        low, high = sorted(axis.get_view_interval())
+        slack = 1e-9 * (high - low)
+        for minor in (False, True):
+            ticks = axis.get_minor_ticks() if minor else axis.get_major_ticks()
+            for at, tick in zip(axis.get_ticklocs(minor=minor), ticks, strict=False):
+                hidden.add(tick.label2)
+                if not low - slack <= at <= high + slack:
+                    hidden.add(tick.label1)
+    seen = [
+        text
+        for text in drawn.findobj(Text)
+        if isinstance(text, Text) and text.get_visible() and text.get_text().strip()
+    ]
+    renderer = canvas.get_renderer()
+    return [
+        (t.get_text(), float(t.get_fontsize()), t.get_window_extent(renderer).get_points())
+        for t in seen
+        if t not in hidden
+    ]
+
+
+# Of every way to draw the one with the most texts.
+CROWDED = {
+    "bands", "bode", "cargo", "carried", "coil_design", "coil_pressure", "course", "draws",
+    "estimates", "film", "film_wave", "forward", "gait", "limits", "loads", "planar_gait",
+    "block", "turning", "heights", "readings", "recordings", "reversals", "ride", "rod_frequency",
+    "segment_shapes", "shift", "steps", "switching", "travelling_field", "trackers", "waveform",
+}  # fmt: skip
+
+
+# narrow is the harder
+@pytest.mark.parametrize("width", [85, pytest.param(180, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "picture",
+    [pytest.param(p, marks=() if p in CROWDED else pytest.mark.slow) for p in PICTURES],
+)
+def test_text_is_legible_and_covers_no_other(picture: str, width: int):
+    drawn = standard(picture) if width == 85 else figure(sample(picture), picture, width=width)
+    assert drawn.get_figwidth() == pytest.approx(width / 25.4)
+    assert drawn.get_figheight() < 240 / 25.4  # a page
+    seen = boxes(drawn)
+    for text, size, corners in seen:
+        assert 6.5 <= size <= 10, text
+        assert (corners >= -1).all(), text
+        assert (corners[1] <= [drawn.bbox.width + 1, drawn.bbox.height + 1]).all(), text
+    for (text, _, a), (other, _, b) in combinations(seen, 2):
+        common = np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])
+        assert common.min() <= 1, (text, other)
+
+
+def test_overlapping_texts_would_be_seen():
+    drawn = Figure()
+    drawn.text(0.5, 0.5, "one")
+    drawn.text(0.51, 0.5, "other")
+    (_, _, a), (_, _, b) = boxes(drawn)
+    assert (np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])).min() > 1
+
+
+@pytest.mark.parametrize("picture", PICTURES)
+def test_links_and_masses_are_numbered_from_0(picture: str):
+    """None has a number that only counting from 1 gives."""
+    result = sample(picture)
+    drawn = standard(picture)
+    words = " ".join([*entries(drawn), *(a.get_xlabel() + a.get_ylabel() for a in drawn.axes)])
+    for what in ("link", "mass"):
+        counts = [n for v in result.variables for d, n in zip(v.dims, v.values.shape, strict=True)
+                  if d == what]  # fmt: skip
+        named = {int(number) for number in re.findall(rf"\b{what} (\d+)", words)}
+        assert not named or (max(named) < counts[0] and (len(named) == 1 or min(named) == 0))
+
+
+def test_without_title_a_picture_is_smaller_and_says_neither_title_nor_facts():
+    result = sample("limits")
+    whole, bare = (figure(result, "gait", title=title) for title in (True, False))
+    assert f"{result.title} mean speed 0.8257\xa0m".replace("\xa0", " ") in texts(whole)
+    assert texts(bare) == ""
+    assert whole.get_figheight() > bare.get_figheight()
+    assert figure(result, "gait", height=120).get_figheight() == pytest.approx(120 / 25.4)
+    assert figure(result, "gait", height=120, title=False).get_figheight() == pytest.approx(
+        120 / 25.4
+    )
+    for width, height in ((20, None), (None, 3000), (np.nan, None)):
+        with pytest.raises(ValueError, match="in mm, from 30 to 2000"):
+            figure(result, "gait", width=width, height=height)
+
+
+@pytest.mark.slow
+def test_facts_are_rounded_and_in_the_units_of_the_picture():
+    told = texts(figure(sample("steps"), "steps"))
+    assert "travel per step 5 µm" in told
+    assert "mean speed 3.167 mm s$^{-1}$ ideal 3.333 mm s$^{-1}$" in told
+    assert "10$^{-5}$ N m$^{2}$" in texts(figure(sample("membrane"), "membrane"))
+    for picture in PICTURES:
+        found = standard(picture)
+        digits = re.findall(r"\d[\d.]*", texts(found).partition(sample(picture).title)[2])
+        assert all(len(number.replace(".", "").lstrip("0")) <= 4 for number in digits), picture
+
+
+FORMATS = {"png": b"\x89PNG\r\n", "pdf": b"%PDF-", "svg": b"<?xml"}
+
+
+@cache
+def written(picture: str, form: str) -> bytes:
+    """A file with a picture as wide as a column."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"a.{form}"
+        draw(sample(picture), picture, path, width=85)
+        return path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("picture", "form"),
+    [
+        *(("motion", form) for form in FORMATS),
+        *(pytest.param("gait", form, marks=pytest.mark.slow) for form in FORMATS),
+        pytest.param("coil_pressure", "png", marks=pytest.mark.slow),
+        pytest.param("basins", "svg", marks=pytest.mark.slow),
+    ],
+)
+def test_the_same_result_gives_the_same_file(picture: str, form: str):
+    first = written(picture, form)
+    assert first.startswith(FORMATS[form])
+    memory = io.BytesIO()
+    save(figure(sample(picture), picture, width=85), memory, form)
+    assert sealed(memory.getvalue()) == first
+
+
+def test_formats_have_the_width_asked_for_and_fonts_that_journals_take():
+    png, pdf, svg = (written("motion", form) for form in FORMATS)
+    with Image.open(io.BytesIO(png)) as image:
+        assert image.size[0] == pytest.approx(85 / 25.4 * image.info["dpi"][0], abs=1)
+    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+)", pdf)
+    assert box
+    assert float(box[1]) == pytest.approx(85 / 25.4 * 72, abs=0.01)
+    assert b"/Type3" not in pdf
+    assert b"/FontFile2" in pdf
+    for file in (pdf, svg):
+        assert not re.search(rb"CreationDate|<dc:date>", file)
+    assert b"<text" not in svg  # outlines: no font need be there
+
+
+def test_an_animation_is_still_as_a_picture_and_only_it_moves(tmp_path: Path):
+    draw(sample("animation"), "animation", tmp_path / "still.svg", width=85)
+    with pytest.raises(ValueError, match=r"only an animation moves; write \.png, \.pdf, \.svg"):
+        draw(sample("gait"), "gait", tmp_path / "gait.gif")
+    assert [path.name for path in tmp_path.iterdir()] == ["still.svg"]
+
+
+@pytest.mark.slow
+def test_mp4_is_made_by_ffmpeg_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A stand-in that counts the frames it is given."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ValueError, match=r"MP4 needs ffmpeg.*install it.*or write \.gif"):
+        draw(sample("animation"), "animation", tmp_path / "a.mp4")
+    stand_in = tmp_path / "ffmpeg"
+    count = "sys.stdin.buffer.read(); size = sys.argv[sys.argv.index('-s') + 1]"
+    write = "open(sys.argv[-1], 'w').write(f'{size} {len(data)}')"
+    stand_in.write_text(f"#!{sys.executable}\nimport sys\ndata = {count}\n{write}\n")
+    stand_in.chmod(0o700)
+    draw(sample("animation"), "animation", tmp_path / "a.mp4", width=85)
+    size, length = (tmp_path / "a.mp4").read_text().split()
+    across, down = map(int, size.split("x"))
+    assert int(length) == 72 * across * down * 4
+    assert across % 2 == down % 2 == 0  # as the codec wants
+
+
+@pytest.mark.slow
+def test_a_film_is_as_wide_as_asked_for_and_moves(tmp_path: Path):
+    draw(sample("animation"), "animation", tmp_path / "a.gif", width=85)
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.size[0] == pytest.approx(85 / 25.4 * 100, abs=1)
+        assert len(list(ImageSequence.Iterator(film))) > 40
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    folder = tmp_path / "result"
+    folder.mkdir()
+    result = sample("limits")
+    result.save(folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_plot_draws_what_the_scene_wants_beside_the_result(saved: Path, capsys: Any):
+    assert main(["plot", str(saved)]) == 0
+    drawn = [f"{name}.png" for name in ("gait", "motion", "spikes", "limits")]
+    assert capsys.readouterr().out.split() == [str(saved / name) for name in drawn]
+    assert main(["plot", str(saved / "result.nc"), "gait", "--format", "pdf"]) == 0
+    listed = json.loads((saved / "summary.json").read_text())["files"]
+    assert listed == ["result.nc", "summary.json", "certificate.json", *drawn, "gait.pdf"]
+    assert {path.name for path in saved.iterdir()} == set(listed)
+    assert Result.load(saved).scalars == sample("limits").scalars
+    # they are its own now, to be drawn again
+    before = (saved / "gait.pdf").read_bytes()
+    assert main(["plot", str(saved), "gait", "--format", "pdf", "--width", "85mm"]) == 0
+    assert (saved / "gait.pdf").read_bytes() != before
+
+
+def test_plot_writes_where_it_is_told(saved: Path, tmp_path: Path):
+    out = tmp_path / "new" / "x.pdf"
+    assert main(["plot", str(saved), "motion", "-o", str(out), "--width", "8.5cm"]) == 0
+    assert out.read_bytes().startswith(b"%PDF")
+    folder = tmp_path / "folder"
+    two = ["spikes", "motion", "--width", "85mm"]
+    assert main(["plot", str(saved), *two, "-o", str(folder), "--no-title"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"spikes.png", "motion.png"}
+    files = {"result.nc", "summary.json", "certificate.json"}
+    assert {path.name for path in saved.iterdir()} == files
+
+
+def test_plot_replaces_only_what_is_its_own(saved: Path, tmp_path: Path, capsys: Any):
+    foreign = saved / "gait.png"
+    foreign.write_text("mine")
+    assert main(["plot", str(saved), "motion", "gait"]) == 2
+    assert "gait.png: is there already" in capsys.readouterr().err
+    assert foreign.read_text() == "mine"
+    assert not (saved / "motion.png").exists()
+    assert main(["plot", str(saved), "gait", "--force"]) == 2  # never what is not ours
+    assert foreign.read_text() == "mine"
+    # one of ours that is elsewhere is known by its mark
+    for form in ("png", "pdf", "svg"):
+        picture = tmp_path / "new" / f"motion.{form}"
+        elsewhere = ["motion", "-o", str(picture)]
+        assert main(["plot", str(saved), *elsewhere, "--width", "60mm"]) == 0
+        assert main(["plot", str(saved), *elsewhere]) == 2
+        assert main(["plot", str(saved), *elsewhere, "--force", "--width", "85mm"]) == 0
+        if form == "png":
+            with Image.open(picture) as opened:
+                opened.verify()  # its checksums
+        picture.write_bytes(picture.read_bytes() + b" ")  # edited
+        assert main(["plot", str(saved), *elsewhere, "--force"]) == 2
+    # of another folder nothing is known
+    other = tmp_path / "gait.png"
+    other.write_text("mine")
+    assert main(["plot", str(saved), "gait", "-o", str(tmp_path)]) == 2
+    assert other.read_text() == "mine"
+    # nor of a result that the summary does not list
+    (saved / "other.nc").write_bytes((saved / "result.nc").read_bytes())
+    assert main(["plot", str(saved / "other.nc"), "gait"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["gaits"], "no picture 'gaits' of kind gait-design; did you mean gait?"),
+        (
+            ["certificate"],
+            "cannot be drawn: the result has no scalar or variable 'proof_time'",
+        ),
+        (["gait", "--format", "mp4"], "gait.mp4: only an animation moves"),
+        (
+            ["gait", "motion", "-o", "x.pdf"],
+            "x.pdf: one file cannot hold 2 pictures (gait, motion)",
+        ),
+        (["gait", "-o", "x.jpg"], "x.jpg: no format jpg; write .png, .pdf, .svg"),
+        (["gait", "-o", "x.svg", "--format", "pdf"], "does not end in .pdf"),
+    ],
+)
+def test_plot_refuses_what_cannot_be(saved: Path, capsys: Any, arguments: list[str], said: str):
+    before = {path.name for path in saved.iterdir()}
+    assert main(["plot", str(saved), *arguments]) == 2
+    told = capsys.readouterr()
+    assert said in told.err
+    assert told.out == ""
+    assert {path.name for path in saved.iterdir()} == before
+
+
+def test_plot_tells_what_is_no_result(tmp_path: Path, capsys: Any):
+    assert main(["plot", str(tmp_path)]) == 2
+    assert "holds no result.nc" in capsys.readouterr().err
+    (tmp_path / "result.nc").write_text("nothing")
+    assert main(["plot", str(tmp_path)]) == 2
+    assert "is no result of wormopt" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("size", ["wide", "10mm", "-85mm", "85pt", "nan", "1e9"])
+def test_plot_refuses_a_size_that_is_none(saved: Path, size: str, capsys: Any):
+    with pytest.raises(SystemExit) as stop:
+        main(["plot", str(saved), f"--width={size}"])
+    assert stop.value.code == 2
+    assert "write 85mm, say" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_pictures_that_nobody_named_may_be_missing(saved: Path, capsys: Any):
+    result = dataclasses.replace(sample("limits"), scene_text="")
+    result.save(saved)
+    assert main(["plot", str(saved)]) == 0  # all of the kind
+    told = capsys.readouterr()
+    assert "certificate cannot be drawn" in told.err
+    assert (saved / "animation.gif").exists()
+    (saved / "animation.gif").unlink()  # no longer listed
+    without(result, "").save(saved)
+    assert main(["plot", str(saved), "--force"]) == 2
+    assert "the result has no data for a picture" in capsys.readouterr().err
+
+
+def test_stretches():
+    time = np.array([0.0, 1.0, 1.0, 2.0, 3.0])
+    holds = np.array([True, True, False, True, True])
+    assert stretches(time, holds) == [(0.0, 1.0), (2.0, 3.0)]
+    assert stretches(time, np.array([False, True, True, False, False])) == []
+
+
+def test_coils_that_are_on_are_told_from_those_that_are_not():
+    """Of the pattern of seven, three are on: dark rectangles in every lane."""
+    drawn = figure(sample("rod_motion"), "rod_motion").axes[0]
+    dark = [p for p in drawn.patches if isinstance(p, Rectangle) and _is(p, "#D98C3F")]
+    pale = [p for p in drawn.patches if isinstance(p, Rectangle) and _is(p, "#EADFCF")]
+    assert dark
+    assert 0.5 < len(pale) / len(dark) < 3
+
+
+def _is(patch: Rectangle, colour: str) -> bool:
+    return same_color(patch.get_facecolor(), colour)
+
+
+def test_an_animation_of_a_rod_is_drawn_frame_by_frame():
+    result = sample("rod_motion")
+    drawn = figure(result, "animation")
+    before = drawn.axes[0].get_title(loc="left")
+    rod.pose(drawn, result, 100)
+    assert drawn.axes[0].get_title(loc="left") != before
+
+
+def test_velocity_over_frequency_shows_marks_best_pattern_and_bars():
+    result = sample("rod_frequency")
+    drawn = figure(result, "rod_frequency")
+    words = " ".join(entries(drawn))
+    assert "sample 1, largest measured" in words
+    assert "best pattern" in words
+    assert len(drawn.axes) == 3
+    names = ("refined_", "sensitive_", "changed_", "unchanged_")
+    kept = {k: s for k, s in result.scalars.items() if not k.startswith("pattern_")}
+    plain = dataclasses.replace(without(result, *names), scalars=kept)
+    assert len(figure(plain, "rod_frequency").axes) == 1
+
+
+def test_the_bound_of_every_gait_is_drawn_over_time():
+    result = sample("certificate")
+    drawn = figure(result, "certificate")
+    (axes,) = drawn.axes
+    assert "proven bound for all gaits" in entries(drawn)
+    assert axes.lines[0].get_ydata()[-1] == result.scalars["bound"].value
+    told = texts(figure(result, "gait"))  # nearer than the ceiling, which is 1 here
+    assert "proven bound 0.8" in told
+    assert "no gait is faster" not in told

@@ -1,0 +1,94 @@
+"""Pages of the kinds of scene and JSON Schemas say what the tables say."""
+
+import json
+import re
+import tomllib
+from functools import cache
+from typing import Any
+
+import jsonschema
+import msgspec
+import pytest
+from places import DOCS
+
+from wormopt.cli import main
+from wormopt.kinds import KINDS
+from wormopt.quantities import unit_of
+from wormopt.study import packaged_scenes
+from wormopt.study.given import meaning
+from wormopt.study.reference import page, schema, tables_below
+
+SCENES = DOCS / "scenes.md"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_page_of_a_kind_says_all(kind: str):
+    table, rows = KINDS[kind].load(), set[str]()
+    for line in page(kind).splitlines():
+        rows |= {line.partition(" |")[0]} if line.startswith("| `") else set()
+    keys = {key for part in tables_below(table) for key in part.__struct_fields__}
+    unsaid = {"kind", "title", "units"}  # what holds for all scenes
+    assert {f"| `{name}`" for name in (keys - unsaid)} - {"| `schema`"} <= rows
+    assert {f"| `{name}`" for name in (*table.scalars, *table.variables)} <= rows
+
+
+def test_every_kind_is_in_the_table_of_scenes():
+    table = SCENES.read_text(encoding="utf-8")
+    assert [kind for kind in KINDS if f"| [`{kind}`](scenes/{kind}.md) |" not in table] == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_key_says_what_it_means(kind: str):
+    for table in tables_below(KINDS[kind].load()):
+        for field in msgspec.structs.fields(table):
+            if field.name != "kind":
+                quantity, what = meaning(field.type)
+                assert what, f"{table.__name__}.{field.name}"
+                assert not quantity or unit_of(quantity, "SI")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_quantity_of_a_result_has_a_unit_and_a_meaning(kind: str):
+    table = KINDS[kind].load()
+    declared = [*table.scalars.values(), *((q, what) for q, _, what in table.variables.values())]
+    assert declared
+    for quantity, what in declared:
+        assert unit_of(quantity, "SI")
+        assert what
+
+
+@cache
+def validator(kind: str) -> jsonschema.Draft202012Validator:
+    found = schema(kind)
+    jsonschema.Draft202012Validator.check_schema(found)
+    return jsonschema.Draft202012Validator(found)
+
+
+@pytest.mark.parametrize("name", packaged_scenes())
+def test_packaged_scenes_keep_to_the_schema(name: str):
+    raw = tomllib.loads(packaged_scenes()[name].read_text(encoding="utf-8"))
+    validator(raw["kind"]).validate(raw)
+    wrong: dict[str, Any] = {**raw, "no_such_key": 1}
+    assert not validator(raw["kind"]).is_valid(wrong)
+
+
+def test_the_command_prints_the_schema(capsys: pytest.CaptureFixture[str]):
+    assert main(["schema", "film-flow"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(schema("film-flow")))
+
+
+def test_help_shows_the_page_of_a_kind(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    assert main(["help", "gait"]) == 0
+    assert capsys.readouterr().out == page("gait")
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    assert main(["help", "gait"]) == 0
+    shown = re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out)
+    for markup in ("](", "<sub>", "|---", "## "):
+        assert markup not in shown
+    for text in ("Scenes of kind gait", "[worm]", "point masses m_i", "docs/scenes.md"):
+        assert text in shown
+    assert main(["help"]) == 0
+    assert "COMMAND" in capsys.readouterr().out

@@ -1,0 +1,339 @@
+"""The best crawl of a chain: exact by phases, repeated by simulation, alike by other routes."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from places import PROBLEMS
+
+import wormopt as wo
+from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.model.friction import Coulomb
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import Regularised
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess, Motion, sample
+from wormopt.ocp.optimise import optimise
+from wormopt.ocp.transcription import Transcription
+from wormopt.result import Result
+from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene
+from wormopt.systems.chain.build import chain
+from wormopt.systems.chain.copies import scenario_model
+from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
+from wormopt.systems.chain.optimal_crawl import cycles_of
+from wormopt.systems.chain.tables import Aim, CrawlLimits
+
+SCENE = PROBLEMS / "optimal_crawl.toml"
+
+
+def value(result: Result, name: str):
+    return result.scalars[name].value
+
+
+def crawl(*sets: str, **changes) -> Result:
+    return wo.run(load_scene(SCENE, list(sets)).table.vary(**changes))
+
+
+@pytest.fixture(scope="module")
+def exact() -> Result:
+    return crawl("mesh.arcs=30", want=())
+
+
+def test_the_simulator_repeats_the_exact_crawl_and_the_period_closes(exact: Result):
+    assert exact.status == "ok"
+    assert value(exact, "recheck_error") < 1e-7
+    # two periods on, so that an error of closing would show
+    assert value(exact, "speed_simulated") == pytest.approx(value(exact, "speed"), abs=1e-7)
+    assert value(exact, "defect_max") <= 1e-9
+    assert exact.trust["first_order_gain"] < 1e-6
+
+
+def test_head_and_tail_rest_about_a_quarter_of_the_time_each_and_the_middle_never(exact: Result):
+    modes, times = np.array(value(exact, "mode_sequence")), np.array(value(exact, "phase_times"))
+    resting = np.diff(times) @ (modes == 0)
+    assert resting[0] == pytest.approx(0.25, abs=0.02)
+    assert resting[2] == pytest.approx(resting[0], abs=1e-5)
+    assert resting[1] == 0
+
+
+def test_what_moves_the_worm_is_friction_alone(exact: Result):
+    """Momentum: over a period the mean force of the ground is zero; work goes into losses."""
+    t, force = exact["instant"].values, exact["contact_force"].values
+    assert np.trapezoid(force.sum(axis=0), t) == pytest.approx(0.0, abs=1e-4)
+    rate = np.diff(exact["velocity"].values, axis=0)
+    power = (exact["input"].values * -rate).sum(axis=0)
+    lost = 5.0 * (rate**2).sum(axis=0) - (force * exact["velocity"].values).sum(axis=0)
+    assert np.trapezoid(power, t) == pytest.approx(np.trapezoid(lost, t), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_relaxed_contact_converges_to_the_exact_crawl_with_order_about_one():
+    result = crawl(want=("convergence",))
+    assert 0.8 <= value(result, "order_smoothed") <= 1.3
+    assert 0.8 <= value(result, "order_complementarity") <= 1.3
+    assert value(result, "same_modes") is True
+    for name in ("smoothed", "complementarity"):
+        error = abs(value(result, f"objective_{name}") - value(result, "objective"))
+        assert error <= 1e-3
+        assert error <= value(result, f"objective_{name}_error_bar")
+
+
+@pytest.mark.slow
+def test_with_stronger_actuators_lengths_touch_their_limits():
+    result = crawl("limits.force=20", want=())
+    # 2.2317 on 60 intervals with a smoothed law, by a script of another author
+    assert -value(result, "objective") == pytest.approx(2.2317, abs=2e-3)
+    lengths = result["length"].values
+    assert lengths.min() == pytest.approx(1.4, abs=1e-6)
+    assert lengths.max() <= 2.6 + 1e-6
+
+
+def worm():
+    law = Coulomb(1.0, 10.0)
+    return chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=law)
+
+
+@pytest.mark.slow
+def test_a_saved_crawl_is_a_start_for_another(exact: Result, tmp_path: Path):
+    exact.save(tmp_path)
+    path = tmp_path / "crawl.toml"
+    path.write_text(SCENE.read_text() + '\n[search]\nresult = "result.nc"\n')
+    again = wo.run(load_scene(path).table.vary(want=()))
+    assert value(again, "objective") == pytest.approx(value(exact, "objective"), abs=1e-7)
+
+
+def test_a_start_that_is_no_crawl_is_refused(tmp_path: Path):
+    path = tmp_path / "crawl.toml"
+    (tmp_path / "other.nc").write_bytes(b"no result")
+    path.write_text(SCENE.read_text() + '\n[search]\nresult = "other.nc"\n')
+    with pytest.raises(SceneError, match=r"search.result.*does not contain the crawl"):
+        wo.run(load_scene(path))
+
+
+def test_copies_of_a_worm_move_like_the_worm_itself():
+    stiff = {"stiffness": np.array([12.0, 9.0]), "friction_forward": 1.3}
+    both = scenario_model(worm(), [{}, stiff])
+    push = {"input": np.array([8.0, -6.0])}
+    together = simulate(both, 1.0, p=push)
+    for k, own in enumerate(({}, stiff)):
+        alone = simulate(worm(), 1.0, p={**push, **own})
+        for name in ("position", "velocity"):
+            shared = together[f"{name} [{k}]"][:, -1]
+            assert shared == pytest.approx(alone[name][:, -1], abs=1e-9)
+
+
+def test_copies_need_a_draw():
+    with pytest.raises(ArgumentError, match="at least one mapping"):
+        scenario_model(worm(), [])
+
+
+def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_counts():
+    weak = {"friction_backward": 4.0}
+    plant = scenario_model(worm(), [{}, weak])
+    limits = CrawlLimits(period=1.0, force=12.0, length=(1.4, 2.6))
+    mesh = Mesh.even(1, 24, Collocation(2, "radau"))
+    w = 2 * np.pi
+
+    def states(t: np.ndarray) -> np.ndarray:
+        l1, l2 = 2 + 0.3 * np.cos(w * t), 2 + 0.3 * np.cos(w * t + 2.1)
+        d1, d2 = -0.3 * w * np.sin(w * t), -0.3 * w * np.sin(w * t + 2.1)
+        one = np.vstack([l1 + l2, l2, 0 * t, d1 + d2, d2, 0 * t])
+        return np.vstack([one, one])
+
+    def speeds(judge) -> np.ndarray:
+        problem = crawl_problem(plant, limits, Aim(maximise="speed", effort=1e-3), judge)
+        found = optimise(problem, mesh, Regularised(0.05, 1.0), Guess(1.0, states))
+        ends = found.motion.states(np.array([0.0, 1.0]))
+        return (ends[:, 1] - ends[:, 0])[[0, 6]]
+
+    mean, worst = speeds("mean"), speeds("worst")
+    assert worst.min() > mean.min() + 1e-3
+    assert mean.mean() > worst.mean() - 2e-2
+
+
+def objective_in(
+    length: float, time: float, force: float, *, cost: bool, longest: float = 1.0
+) -> float:
+    """Least objective of the same worm, in its own units, where others are so large.
+
+    Periods are from one unit of time to the `longest`.
+    """
+    speed = length / time
+    plant = chain(
+        2,
+        mass=force * time / speed,
+        stiffness=10 * force / length,
+        damping=5 * force / speed,
+        rest_length=2 * length,
+        law=Coulomb(force, 10 * force),
+        length_nominal=length,
+        time_nominal=time,
+    )
+    if cost:
+        aim = Aim(minimise="energy_per_mass_distance", speed=speed)
+    else:
+        aim = Aim(maximise="speed", effort=1e-3 * speed / force**2)
+    limits = CrawlLimits(
+        period=(time, longest * time), force=12 * force, length=(1.4 * length, 2.6 * length)
+    )
+    widths = Regularised(0.3 * speed, speed)
+    mesh = Mesh.even(1, 12, Collocation(2, "radau"))
+    problem = crawl_problem(plant, limits, aim)
+    found = optimise(problem, mesh, widths, sine_guess(plant, time, 12 * force))
+    return found.objective / (speed / time if cost else speed)
+
+
+@cache
+def usual_objective(cost: bool) -> float:
+    return objective_in(1.0, 1.0, 1.0, cost=cost)
+
+
+@pytest.mark.parametrize("cost", [False, True])
+@pytest.mark.parametrize(
+    "units",
+    [
+        (1e-3, 1.0, 1e-3),
+        pytest.param((0.03, 0.8, 0.05), marks=pytest.mark.slow),
+        (20.0, 100.0, 1e3),
+    ],
+)
+def test_the_optimum_is_the_same_in_all_units(units: tuple[float, float, float], cost: bool):
+    assert objective_in(*units, cost=cost) == pytest.approx(usual_objective(cost), rel=1e-6)
+
+
+def test_how_long_a_period_may_be_changes_nothing_where_the_best_is_short():
+    here = objective_in(1.0, 1.0, 1.0, cost=False, longest=3.0)
+    there = objective_in(1.0, 1.0, 1.0, cost=False, longest=100.0)
+    assert there == pytest.approx(here, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ("[objective]\n", "objective"),
+        ('[objective]\nminimise = "energy_per_mass_distance"\n', "objective.speed"),
+        (
+            '[objective]\nminimise = "energy_per_mass_distance"\nspeed = 1.0\n[robust]\n',
+            "objective.minimise",
+        ),
+        ('[objective]\nmaximise = "speed"\n[robust]\n', "want"),
+    ],
+)
+def test_aims_that_do_not_fit_are_refused_by_their_key(tmp_path: Path, change: str, key: str):
+    text = SCENE.read_text()
+    begin, end = text.index("[objective]"), text.index("[mesh]")
+    scene = tmp_path / "crawl.toml"
+    scene.write_text(text[:begin] + change + text[end:])
+    with pytest.raises(SceneError, match=key):
+        load_scene(scene)
+
+
+# -- soft crawlers in SI units ---------------------------------------------------------------------
+
+SOFT = """
+schema = 1
+kind = "optimal-crawl"
+units = "SI"
+[worm]
+links = {links}
+mass = {mass}
+stiffness = "{stiffness} N/m"
+damping = "{damping} N s/m"
+rest_length = "{rest} mm"
+slope = "{slope} deg"
+load = {load}
+friction = {{ kind = "coulomb", forward = "{forward} N", backward = "{backward} N" }}
+[limits]
+period = {period}
+force = "{force} N"
+length = ["{shortest} mm", "{longest} mm"]
+[objective]
+maximise = "speed"
+effort = 1e-5
+[mesh]
+arcs = 30
+"""
+CRAWLER = {
+    "links": 2, "mass": '["120 g", "80 g", "80 g"]', "stiffness": 600, "damping": 6, "rest": 57,
+    "slope": 10, "load": '[0, 0, "0.3 N"]', "forward": 0.12, "backward": 3.1,
+    "period": '["0.6 s", "2 s"]', "force": 20, "shortest": 45, "longest": 70,
+}  # fmt: skip
+CRAWLERS = [
+    {},
+    {"links": 4, "mass": '["120 g", "80 g", "80 g", "80 g", "80 g"]',
+     "load": '[0, 0, 0, 0, "0.3 N"]'},
+    {"links": 3, "mass": '["100 g", "60 g", "60 g", "100 g"]', "stiffness": 300, "damping": 8,
+     "rest": 40, "slope": 0, "load": 0, "forward": 0.1, "backward": 1.5,
+     "period": '["0.5 s", "1.5 s"]', "force": 5, "shortest": 30, "longest": 50},
+    {"links": 5, "mass": '"50 g"', "stiffness": 400, "damping": 5, "rest": 50, "slope": 5,
+     "load": 0, "forward": 0.1, "backward": 2, "period": '"1 s"', "force": 8, "shortest": 40,
+     "longest": 60},
+    {"mass": '["0.5 kg", "0.3 kg", "0.4 kg"]', "stiffness": 150, "damping": 20, "rest": 100,
+     "slope": 15, "load": 0, "forward": 0.5, "backward": 6, "period": '["1 s", "3 s"]',
+     "force": 15, "shortest": 70, "longest": 130},
+    {"links": 3, "mass": '["30 g", "20 g", "20 g", "30 g"]', "stiffness": 80, "damping": 3,
+     "rest": 30, "slope": 0, "load": '["20 mN", 0, 0, 0]', "forward": 0.02, "backward": 0.4,
+     "period": '["0.4 s", "2 s"]', "force": 1, "shortest": 22, "longest": 38},
+    {"mass": '["80 g", "120 g", "60 g"]', "stiffness": 500, "damping": 10, "rest": 60,
+     "slope": -5, "load": 0, "forward": 0.2, "backward": 2.5, "period": '["0.3 s", "1 s"]',
+     "force": 12, "shortest": 48, "longest": 72},
+    {"mass": '"300 g"', "slope": 30, "load": 0, "forward": 0.12, "backward": 0.4},
+]  # fmt: skip
+
+
+def soft(folder: Path, changes: dict):
+    path = folder / "soft.toml"
+    path.write_text(SOFT.format(**(CRAWLER | changes)))
+    return load_scene(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", CRAWLERS)
+def test_soft_crawlers_are_solved_or_told_in_words_of_the_scene(changes: dict, tmp_path: Path):
+    result, told = None, ""
+    try:
+        result = wo.run(soft(tmp_path, changes))
+    except SolveError as error:
+        told = str(error)
+    if result is None:
+        assert re.search(r"limits\.(force|length|period)", told)
+        assert "nominal" not in told
+        return
+    assert result.status == "ok", result.reason
+    assert value(result, "speed_simulated") == pytest.approx(value(result, "speed"), rel=2e-2)
+    table = result["length"].values
+    shortest, longest = (1e-3 * (CRAWLER | changes)[k] for k in ("shortest", "longest"))
+    assert table.min() >= shortest - 1e-6
+    assert table.max() <= longest + 1e-6
+
+
+@pytest.mark.parametrize("changes", CRAWLERS[:3])
+def test_sizes_are_those_of_the_scene(changes: dict, tmp_path: Path):
+    study = soft(tmp_path, changes).table
+    near = next(study.guesses())
+    sized = study.sized(near)
+    v = near.states(np.linspace(0, near.duration, 1000))[study.worm.links + 1 :]
+    assert sized.x[1].nominal == pytest.approx(np.sqrt(np.mean(v**2)), rel=0.05)
+    friction = study.worm.friction
+    for contact in sized.contacts:
+        assert friction.forward <= contact.nominal_force <= friction.backward
+        assert contact.nominal_speed == sized.x[1].nominal
+    assert study.limits.force <= 20 * sized.u[0].nominal
+
+
+def test_shorter_cycles_within_a_period_are_counted():
+    for cycles in (1, 3, 8):
+
+        def states(t: np.ndarray, n: int = cycles) -> np.ndarray:
+            w = 2 * np.pi * n
+            one, two = 2 + 0.3 * np.cos(w * t), 2 + 0.3 * np.sin(w * t)
+            return np.vstack([one + two, two, 0 * t, 0 * one, 0 * t, 0 * t])
+
+        problem = crawl_problem(worm(), CrawlLimits(period=1.0, force=12.0), Aim(maximise="speed"))
+        program = Transcription(problem, Mesh.even(1, 60, Collocation(3)), Regularised(0.1))
+        bounds = program.bounds(0.1)
+        motion = Motion.of(program, sample(program, Guess(1.0, states), bounds), bounds)
+        assert cycles_of(motion) == cycles
