@@ -72,7 +72,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "coil_pressure": ("fig25_coil_pressure",),
     "membrane": ("membrane",),
     "segment": ("peristaltic_segment",),
-    "stroke": ("peristaltic_segment", "points=21"),
+    "stroke": ("peristaltic_segment", "samples=21"),
     "worm": ("peristaltic_tube",),
     "course": ("peristaltic_tube",),
     "steps": ("prototype_steps",),
