@@ -94,7 +94,7 @@ def test_commands_that_pages_name_exist(page: Path):
     text = page.read_text(encoding="utf-8") if page.name != "changelog.md" else ""
     for verb in re.findall(r"(?:`|bin/)wormopt ([a-z]\w*)", text):
         assert verb in VERBS | {"certificate"}, verb  # which is the name of a format
-    for module, names in re.findall(r"python -m tests\.(\w+)((?: [a-z]\w*)*)", text):
+    for module, names in re.findall(r"python -m tests\.(benchmarks|stress)((?: [a-z]\w*)*)", text):
         assert set(names.split()) <= set(MEASURED[module]), names
 
 
