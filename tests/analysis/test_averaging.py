@@ -79,10 +79,12 @@ class Brute:
         return self._velocity(t, x, self._scheduled(t), self._p)[0].copy()
 
     def rate(self, x: np.ndarray, t: float, signs: np.ndarray) -> np.ndarray:
-        slips = [
-            float(law.slip_force(v, 1 if sign > 0 else -1))
-            for law, v, sign in zip(self.laws, self.velocities(x, t), signs, strict=True)
-        ]
+        slips = np.array(
+            [
+                float(law.slip_force(v, 1 if sign > 0 else -1))
+                for law, v, sign in zip(self.laws, self.velocities(x, t), signs, strict=True)
+            ]
+        )
         return self._ode(t, x, self._scheduled(t), self._p, slips)[0].copy()
 
     def pieces(

@@ -295,7 +295,7 @@ def test_bands_hold_their_share_of_the_readings_over_many_fits():
         found, run, *_ = two_runs(seed, own=False)
         shares.append(predict(found, run).coverage)
     error = np.std(shares) / math.sqrt(len(shares))
-    assert np.mean(shares) == pytest.approx(0.95, abs=4 * error)
+    assert np.mean(shares) == pytest.approx(0.95, abs=4 * float(error))
     assert error < 0.02
 
 

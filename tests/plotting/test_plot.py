@@ -928,7 +928,7 @@ def test_the_bound_of_every_gait_is_drawn_over_time():
     drawn = figure(result, "certificate")
     (axes,) = drawn.axes
     assert "proven bound for all gaits" in entries(drawn)
-    assert axes.lines[0].get_ydata()[-1] == result.scalars["bound"].value
+    assert np.asarray(axes.lines[0].get_ydata())[-1] == result.scalars["bound"].value
     told = texts(figure(result, "gait"))  # nearer than the ceiling, which is 1 here
     assert "proven bound 0.8" in told
     assert "no gait is faster" not in told

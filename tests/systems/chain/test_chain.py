@@ -251,9 +251,9 @@ def test_work_grows_linearly_with_the_links():
         (lambda: worm(2, law="coulomb"), "law contains 'coulomb', which is not a friction law"),  # type: ignore[arg-type]
         (lambda: worm(2, law=Spike), "law contains <class .*, which is not a friction law"),  # type: ignore[arg-type]
         (
-            lambda: worm(2, law=[Spike(), Spike(), 3.0]),
+            lambda: worm(2, law=[Spike(), Spike(), 3.0]),  # type: ignore[arg-type]
             r"law contains 3\.0, which is not a friction law",
-        ),  # type: ignore[arg-type]
+        ),
         (lambda: worm(2, law=[Spike()]), "law has 1 entries; give one law, or 3"),
         (
             lambda: worm(2, damping=ParameterPath(np.array([0.0, 1.0]), np.ones((1, 3, 1)))),

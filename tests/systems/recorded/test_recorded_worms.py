@@ -400,6 +400,7 @@ def test_a_search_that_has_not_converged_exits_with_3(tmp_path: Path):
     found = Result.load(path)
     assert "search.steps" in found.reason
     (distance,) = [c for c in found.checks if c.name == "distance from the bottom"]
+    assert distance.value is not None
     assert distance.value > 10 * distance.limit
 
 
