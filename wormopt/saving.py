@@ -46,9 +46,18 @@ def load(path: Path) -> dict[str, Any]:
 
 def _exports(result: Any) -> dict[str, str]:
     kind = kind_of(result)
-    parts = {name: text.split(":") for name, text in (kind.load().exports if kind else {}).items()}
-    made = {name: getattr(import_module(m), f)(result) for name, (m, f) in parts.items()}
-    return {name: text for name, text in made.items() if text is not None}
+    made: dict[str, str] = {}
+    for name, maker in (kind.load().exports if kind else {}).items():
+        module, function = maker.split(":")
+        try:
+            text = getattr(import_module(module), function)(result)
+        except KeyError:  # a partial result need not hold what the file needs
+            if result.status != "failed":
+                raise
+            continue
+        if text is not None:
+            made[name] = text
+    return made
 
 
 def write_netcdf(result: Any, path: Path) -> None:
