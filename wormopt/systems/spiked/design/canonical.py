@@ -29,7 +29,7 @@ _HELD, _SAME, _AS_LONG = (1e-15, 1e-12, 1e-11), 1e-12, 1e-9
 _OFF, _LOST = 1e-12, 1e-6
 # Arcs are cut in so many parts in turn, which counts where the mean length gains more than a
 # share; last, arcs that only repeat are joined.
-_PARTS, _GAIN = (4, 2, 1), 1e-10
+_PARTS, _GAIN = (5, 3, 1), 1e-10
 _UNTIL, _AGAIN = Climb(tolerance=1e-12, steps=40), Climb(tolerance=1e-13, steps=15)
 # Links of gaits with more unknowns stay as they are: to lengthen them takes as long as the design.
 _MOST_UNKNOWNS = 250
