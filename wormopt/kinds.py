@@ -38,7 +38,8 @@ class Kind:
 def studies_in(systems: Path) -> Iterator[tuple[str, Kind]]:
     """Yield kinds by name: classes in a folder of systems that say theirs, without importing it."""
     for path in sorted(systems.glob("*/*.py")):
-        for name, kind, first in _STUDY.findall(path.read_text(encoding="utf-8")):
+        text = path.read_text(encoding="utf-8")
+        for name, kind, first in _STUDY.findall(text) if 'kind="' in text else ():
             module = f"wormopt.systems.{path.parent.name}.{path.stem}"
             yield kind, Kind(f"{first[0].lower()}{first[1:]}".strip('."'), name, module)
 
