@@ -20,7 +20,8 @@ SCENES = {
     "resonance_curve": [
         'pair.friction={kind="stribeck", forward=0.3, backward=0.6, stick_forward=0.9, '
         "stick_backward=1.8, v_stribeck=0.15}",
-        "frequencies.detuning=[0.3, 3.0]", "frequencies.points=60", "confirm.time=300.0", "confirm.periods=20",
+        "frequencies.detuning=[0.3, 3.0]", "frequencies.points=60",
+        "confirm.time=300.0", "confirm.periods=20",
     ],
     "three_masses_harmonic": [
         'units="SI"', 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, '
