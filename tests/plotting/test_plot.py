@@ -25,6 +25,7 @@ from PIL import Image, ImageSequence
 from places import SAVED
 
 import wormopt as wo
+from tests.results.make import SCENES as SAVED_SCENES
 from wormopt.cli import main
 from wormopt.files import sealed
 from wormopt.kinds import KINDS
@@ -138,6 +139,12 @@ def real(name: str, *changes: str) -> Result:
 
 def sample(picture: str) -> Result:
     return real(*SCENES.get(picture, ("fast_gait", SI)))
+
+
+@pytest.mark.parametrize("name", SAVED_SCENES)
+def test_saved_results_can_be_made_anew(name: str):
+    assert (SAVED / f"{name}.nc").exists()
+    wo.load_scene(name, SAVED_SCENES[name])
 
 
 def crawl(trackers: int = 2, links: int = 2) -> Result:

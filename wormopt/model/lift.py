@@ -15,7 +15,8 @@ from wormopt.model.model import TINY, Signal
 
 T = TypeVar("T")
 
-_FRICTION = {
+# Quantity of each number of a friction law, by the name of its field.
+QUANTITIES = {
     "forward": "force",
     "backward": "force",
     "stick_forward": "force",
@@ -34,7 +35,7 @@ _LEAST = {
 
 
 def lift(
-    laws: Sequence[T], prefix: str = "friction", units: Mapping[str, str] = _FRICTION
+    laws: Sequence[T], prefix: str = "friction", units: Mapping[str, str] = QUANTITIES
 ) -> tuple[tuple[T, ...], tuple[Signal, ...]]:
     """Replace every number in the fields of laws by a symbol: one compiled model serves all.
 

@@ -296,12 +296,13 @@ def faults_of_law(key: str, law: Friction, masses: int) -> Iterator[Fault]:
         for fault in wrong_count(f"{key}.{name}", getattr(law, name), masses, "masses")
     ]
     yield from wrong
-    if wrong or not isinstance(law, CoulombFriction | StribeckFriction):
+    if wrong:
         return
     for side in ("forward", "backward"):
-        slide, stick = getattr(law, side), getattr(law, f"stick_{side}")
+        stick = getattr(law, f"stick_{side}", None)
         if stick is None:
             continue
+        slide = getattr(law, side)
         if any(s < f for f, s in zip(per(slide, masses), per(stick, masses), strict=True)):
             message = f"stiction is below the sliding force {side}; write at least that force"
             yield f"{key}.stick_{side}", message

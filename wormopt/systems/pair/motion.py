@@ -35,7 +35,6 @@ with on_use():
 
     from wormopt.analysis.steady import SteadyState
     from wormopt.magnetics.material import SMALL_STRAIN
-    from wormopt.model.friction import Law, Stribeck, Viscous
     from wormopt.model.model import Model
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
@@ -169,7 +168,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
         laws = self.dimensionless.laws
         return {
             "": magnetic_pair(
-                law=[_law_in_units(law, push, units.speed_unit) for law in laws],
+                law=[scaled_law(law, push, units.speed_unit) for law in laws],
                 push=push,
                 frequency=self.nu / units.time_unit,
                 mass=mass,
@@ -464,11 +463,3 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
                 f"the stated velocity {self.velocity_stated:g} agrees neither with eq. 19, "
                 f"{own:.6g}, nor with the exact motion, {exact:.6g}"
             )
-
-
-def _law_in_units(law: Law, push: float, speed: float) -> Law:
-    """Friction law with forces over the push and velocities over a speed."""
-    law = scaled_law(law, push)
-    if isinstance(law, Viscous):
-        return replace(law, drag=law.drag / speed)
-    return replace(law, v_stribeck=speed * law.v_stribeck) if isinstance(law, Stribeck) else law

@@ -469,6 +469,19 @@ class GaitProblem(Given, kw_only=False):
         return self.worm.counts
 
     @property
+    def of_each(self) -> list[tuple[float, ...]]:
+        """Mass of each mass, range and limits of each link and mass, head first; 0 if not given."""
+        n, limits = self.worm.links, self.limits
+        return [
+            self.worm.masses,
+            *limits.rate_bounds(n),
+            tuple(longest - shortest for shortest, longest in limits.length_ranges(n)),
+            per(limits.acceleration or 0.0, n),
+            per(limits.actuator_force or 0.0, n),
+            per(limits.spike_load or 0.0, n + 1),
+        ]
+
+    @property
     def loads_matter(self) -> bool:
         """Whether a limit or the cost depends on how resting masses share the load."""
         limited = self.limits.spike_load is not None or self.limits.actuator_force is not None

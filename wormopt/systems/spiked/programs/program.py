@@ -308,16 +308,7 @@ class WaveProgram(GaitProgram):
 
     @cached_property
     def _uniform(self) -> bool:
-        limits = self.limits
-        given = [
-            limits.mass,
-            *limits.rates,
-            limits.strokes,
-            limits.acceleration if limits.acceleration is not None else [0.0],
-            self.task.limits.spike_load or 0.0,
-            self.task.limits.actuator_force or 0.0,
-        ]
-        return all(np.ptp(np.asarray(values)) == 0.0 for values in given)
+        return all(len(set(values)) == 1 for values in self.task.of_each)
 
     @property
     def _phases(self) -> int:

@@ -7,8 +7,6 @@ from functools import lru_cache
 from itertools import combinations, permutations
 from math import comb
 
-import numpy as np
-
 from wormopt.systems.shared.sequences import (
     Resting,
     Sequence_,
@@ -29,20 +27,9 @@ _MIXES = 3
 
 def is_mirror_symmetric(task: GaitProblem) -> bool:
     """Whether i -> n - i with l_j -> shortest + longest - l_{n-1-j} maps gaits on gaits."""
-    n, limits = task.worm.links, task.limits
-    contraction, extension = limits.rate_bounds(n)
-    per_thing = [
-        task.worm.masses,
-        contraction,
-        np.broadcast_to(limits.acceleration or 0.0, n),
-        np.broadcast_to(limits.spike_load or 0.0, n + 1),
-        np.broadcast_to(limits.actuator_force or 0.0, n),
-        np.ptp(np.array(limits.length_ranges(n)), axis=1),
-        task.worm.beyond if task.loads_matter else (0.0,),
-    ]
-    return np.array_equal(contraction, extension) and all(
-        np.array_equal(v, np.asarray(v)[::-1]) for v in per_thing
-    )
+    contraction, extension = task.limits.rate_bounds(task.worm.links)
+    of_each = [*task.of_each, task.worm.beyond if task.loads_matter else (0.0,)]
+    return contraction == extension and all(values == values[::-1] for values in of_each)
 
 
 def letters_of(task: GaitProblem) -> list[Resting]:
