@@ -259,12 +259,9 @@ class Study(Given):
         asked = [name.replace(" ", "_") for name in names]  # names of checks have spaces
         members = self.members.values()
         if unknown := [name for name in asked if not any(m.asked_by([name]) for m in members)]:
-            known = [name for member in members for name in member.names]
-            groups = ", ".join(
-                repr(member.name)
-                for member in members
-                if member.role in ("scalar", "array") and member.several and not member.declared
-            )
+            known = dict.fromkeys(name for member in members for name in member.names)
+            open_ = [m for m in members if m.several and m.names and not m.declared]
+            groups = ", ".join(repr(member.name) for member in open_)
             hint = f"write {groups} for names that depend on the scene" if groups else ""
             raise UnknownNameError(f"a study of kind {self.kind}", "result", unknown, known, hint)
         return asked
