@@ -28,7 +28,7 @@ _SWEEP = """
 
 # Keys that `wormopt sweep` varies, and how; see docs/sweeps.md.
 #[sweep]
-#over."worm.load" = "1:10:10"  # ten values from 1 to 10; or a list: [1, 2, 5]
+#over."worm.load" = "1:10:10"  # for example; a key of this scene, and ten values or a list
 #method = "grid"  # grid, zip, latin-hypercube or sobol
 #points = 64  # number of points that the last two methods draw
 #seed = 0

@@ -364,7 +364,7 @@ class Search(Given):
     """  # noqa: E501
 
     seed: Seed = entry("seed of the random starts", default=0)
-    effort: Effort = entry("extent of the search, see above", default="normal")
+    effort: Effort = entry("extent of the search", default="normal")
     phases: int | None = whole(2, 64, "largest number of phases of a cycle", default=None)
     sequence: Order | None = entry(
         "resting masses of each phase of a cycle; only this sequence is used", default=None
