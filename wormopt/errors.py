@@ -47,7 +47,7 @@ class ArgumentError(WormoptError, ValueError, TypeError):
 
 
 class UnknownNameError(ArgumentError, KeyError):
-    """A name that is not there; the message lists those that are, and which one may be meant.
+    """A name that is not there; the message suggests one that may be meant, and lists all.
 
     Parameters
     ----------
@@ -59,6 +59,8 @@ class UnknownNameError(ArgumentError, KeyError):
         The names asked for.
     known : iterable of str
         Those there are.
+    hint : str, optional
+        Further advice at the end of the message.
 
     Examples
     --------
@@ -67,13 +69,19 @@ class UnknownNameError(ArgumentError, KeyError):
     """
 
     def __init__(
-        self, where: str, what: str, unknown: Iterable[object], known: Iterable[object]
+        self,
+        where: str,
+        what: str,
+        unknown: Iterable[object],
+        known: Iterable[object],
+        hint: str = "",
     ) -> None:
         unknown, known = list(unknown), list(known)
         asked, there = (", ".join(map(repr, names)) for names in (unknown, known))
-        self.message = f"{where} has no {what} {asked}; it has {there or 'none'}"
-        if meant := _meant(unknown, known):
-            self.message += f"; did you mean {meant!r}?"
+        meant = _meant(unknown, known)
+        listed = f"did you mean {meant!r}? It has" if meant else "it has"
+        self.message = f"{where} has no {what} {asked}; {listed} {there or 'none'}"
+        self.message += f"; {hint}" if hint else ""
         super().__init__(self.message)
 
     # KeyError's own puts the message in quotes.

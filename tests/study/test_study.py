@@ -600,6 +600,28 @@ def test_values_are_found_by_their_names_in_results():
         study["reech"]
 
 
+def test_names_that_depend_on_the_study_are_found_in_the_groups_that_it_has():
+    class Grouped(Study, kind="toy-grouped"):
+        """A study of groups."""
+
+        ground: float | None = positive("length", "depth", default=None)
+
+        @scalars({}, when="ground")
+        def of_ground(self) -> dict[str, Scalar]:
+            return {"depth": Scalar(self.ground, "m")}
+
+        @scalars({})
+        def of_links(self) -> dict[str, Scalar]:
+            return {"load": Scalar(1.0, "N")}
+
+    assert Grouped()["load"] == 1.0
+    assert Grouped(ground=2.0)["depth"] == 2.0
+    with pytest.raises(UnknownNameError, match="has no result 'depth'"):
+        Grouped()["depth"]
+    with pytest.raises(UnknownNameError, match="; write 'of_ground', 'of_links' for names that de"):
+        Grouped().only("load")
+
+
 # -- some results only -----------------------------------------------------------------------------
 
 
@@ -981,8 +1003,7 @@ def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("scene", "only", "said"),
     [
-        ("mine.toml", "reech", "has no result 'reech'; it has"),
-        ("mine.toml", "reech", "did you mean 'reach'?"),
+        ("mine.toml", "reech", "has no result 'reech'; did you mean 'reach'? It has 'energy'"),
         ("mine.toml", "reach,", "has no result ''"),
         ("mine.toml", "", "has no result ''"),
         ("mine.toml", "depth", "there is no depth without ground"),

@@ -37,7 +37,7 @@ def _header(course: Course, name: str) -> str:
     time, length, rate, acceleration = course.units
     said = _comment(
         [
-            "Lengths of the links of a worm, over and over again.",
+            "Link lengths of a worm, repeated periodically.",
             *course.remarks,
             f"Units: time {time}, length {length}, rate {rate}, acceleration {acceleration}; "
             "1 means none.",
@@ -53,7 +53,8 @@ extern "C" {{
 
 enum {{ {name}_links = {course.gait.links} }};
 
-/* All repeats after it; the period of a designed gait may hold several cycles. */
+/* Duration of a cycle, after which the lengths repeat; the period of a designed gait may hold
+ * several cycles. */
 extern const double {name}_cycle;
 
 /* Lengths of links 0, 1, ... at the time t, which may be any, before 0 too; their rates and

@@ -122,5 +122,5 @@ class MeshTable(Given):
 # -- keys that many scenes have --------------------------------------------------------------------
 
 Contacts = Annotated[ContactTable, says("", "how contact is treated; exact if left out")]
-Horizon = Annotated[TimeSpan, says("", "how long")]
-Tolerances = Annotated[ToleranceTable, says("", "how exact simulations are")]
+Horizon = Annotated[TimeSpan, says("", "duration and samples")]
+Tolerances = Annotated[ToleranceTable, says("", "tolerances of simulations")]

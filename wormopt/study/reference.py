@@ -131,7 +131,10 @@ def _of(field: msgspec.structs.FieldInfo) -> str:
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     numbers = [part for part in parts if part is not NoneType and not tables_in(single(part))]
     words = [describe(Union[tuple(numbers)])] if numbers else []  # noqa: UP007
-    words += ["a table"] if len(words) == 0 or tables_in(single(kind)) else []
+    tables = [bare(part) for part in parts if tables_in(single(part))]
+    listed = [get_origin(part) is tuple for part in tables]
+    words += ["a table"] if not words or False in listed else []
+    words += ["a list of tables"] if True in listed else []
     return re.sub(r'("[^"]*")', r"`\1`", ", or ".join(words))
 
 
@@ -149,7 +152,9 @@ def _default(field: msgspec.structs.FieldInfo) -> str:
 def _listed(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_listed, value))}]"
-    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if value else "0"
+    if isinstance(value, str):
+        return f'"{value}"'
+    return f"{value:g}" if isinstance(value, int | float) else "{}"
 
 
 def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:

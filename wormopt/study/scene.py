@@ -177,7 +177,7 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         message = f"is not UTF-8 text (byte {error.start}); save it as UTF-8"
         if path.suffix == ".nc":
-            message = "is a result, not a scene; `wormopt show` tells what it holds"
+            message = "is a result, not a scene; `wormopt show` prints it"
     except RecursionError:
         message = "is nested too deeply"
     except ValueError as error:
@@ -188,11 +188,10 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
 def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[Study, Swept | None]:
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        what = f"{kind!r} is no kind of scene" if "kind" in raw else "missing"
         close = near(kind) if isinstance(kind, str) else ""
-        what += f'; did you mean "{close}"? Else' if close else ";"
-        allowed = ", ".join(f'"{name}"' for name in KINDS)
-        raise SceneError(file, [("kind", f"{what} write one of {allowed}")])
+        what = f"there is no kind of scene {kind!r}" if "kind" in raw else "missing"
+        hint = f'did you mean "{close}"?' if close else 'write a kind such as "gait-design";'
+        raise SceneError(file, [("kind", f"{what}; {hint} `wormopt list` shows all kinds")])
     faults: list[Fault] = []
     sweep = raw.pop("sweep", None)
     swept = None if sweep is None else read_value(sweep, Swept, "sweep", "", faults)

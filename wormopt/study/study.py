@@ -259,19 +259,25 @@ class Study(Given):
         asked = [name.replace(" ", "_") for name in names]  # names of checks have spaces
         members = self.members.values()
         if unknown := [name for name in asked if not any(m.asked_by([name]) for m in members)]:
-            known = [name for member in members for name in member.names]
-            raise UnknownNameError(f"a study of kind {self.kind}", "result", unknown, known)
+            known = dict.fromkeys(name for member in members for name in member.names)
+            open_ = [m for m in members if m.several and m.names and not m.declared]
+            groups = ", ".join(repr(member.name) for member in open_)
+            hint = f"write {groups} for names that depend on the scene" if groups else ""
+            raise UnknownNameError(f"a study of kind {self.kind}", "result", unknown, known, hint)
         return asked
 
     def __getitem__(self, name: str) -> Any:
         """Value of a scalar or variable by its name in results."""
         reported = [one for one in self.members.values() if one.role in ("scalar", "array")]
-        for member in [one for one in reported if one.asked_by([name])] or reported:
+        asked = [one for one in reported if one.asked_by([name])]
+        for member in asked or [one for one in reported if one.several]:
             if not member.several:
                 if member.reported_as == name:
                     return _bare(getattr(self, member.name))
-            elif name in (found := getattr(self, member.name)):
-                return _bare(found[name])
+                continue
+            with nullcontext() if asked else suppress(AbsentError):
+                if name in (found := getattr(self, member.name)):
+                    return _bare(found[name])
         known = [*self.scalars, *self.variables]
         raise UnknownNameError(f"a study of kind {self.kind}", "result", [name], known)
 

@@ -28,9 +28,9 @@ _SWEEP = """
 
 # Keys that `wormopt sweep` varies, and how; see docs/sweeps.md.
 #[sweep]
-#over."worm.load" = "1:10:10"  # ten values from 1 to 10; or a list: [1, 2, 5]
+#over."worm.load" = "1:10:10"  # for example; a key of this scene, and ten values or a list
 #method = "grid"  # grid, zip, latin-hypercube or sobol
-#points = 64  # how many are drawn by the last two
+#points = 64  # number of points that the last two methods draw
 #seed = 0
 """
 
@@ -42,7 +42,7 @@ def template(kind: str, schema_file: str) -> str:
     head = [
         f"#:schema {schema_file}",
         *_comment(f'A scene of kind "{kind}": {KINDS[kind].summary}.'),
-        *_comment(f"What may stand here, and what results hold: {page}."),
+        *_comment(f"Keys and results of this kind: {page}."),
         *_comment(
             "Keys behind a # have the value shown there (... is none); drop the # to change it."
         ),

@@ -81,6 +81,7 @@ def gathered(
                 for key, dim in zip(asked.keys, map(dim_of, asked.keys), strict=True)
             ],
             "numbers": [v.name for v in arrays if v.dims == asked.dims],
+            "series": [v.name for v in arrays if v.dims[:-1] == asked.dims],
             "points": list(files),
             "reasons": [record.reason for record in records],
             "lists": lists,

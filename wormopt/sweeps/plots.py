@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from wormopt.plotting.parts import GREY, LINKS, RED, label, narrow, sheet
+from wormopt.plotting.parts import GREY, LINKS, RED, label, legend, narrow, sheet
 from wormopt.result import Result
 from wormopt.sweeps.gathered import NUMBERED, as_typed, everywhere
 
@@ -20,12 +20,15 @@ _LOST: dict[str, Any] = {"hatch": "////", "facecolor": "#F2F2F2", "edgecolor": G
 
 
 def sweep(result: Result) -> Figure:
-    """Maps over two keys, lines over one, and points over each where there are more."""
+    """Maps over two keys, lines over one, and points over each where there are more.
+
+    Lists of numbers, such as one number per tracker, are lines or points in one panel.
+    """
     result = as_typed(result)
     names = shown(result)
     axes = result.attributes["axes"]
     grid = len(axes) == len(result["status"].dims)
-    if grid and len(axes) == 2:
+    if grid and len(axes) == 2 and all(name in result.attributes["numbers"] for name in names):
         return _maps(result, names, [axis["dim"] for axis in axes])
     return _columns(result, names, [axis["dim"] for axis in axes], lines=grid and len(axes) == 1)
 
@@ -36,10 +39,11 @@ def shown(result: Result) -> list[str]:
     if asked:
         return list(asked)
     first, unlike = result.attributes["numbers"], dict[bytes, str]()
+    first = first or result.attributes.get("series", [])
     for name in first:
         if _varies(result[name].values):
             unlike.setdefault(result[name].values.tobytes(), name)
-    return [*unlike.values()][:_MOST] or first[:1]
+    return [*unlike.values()][:_MOST] or first[:1] or ["status"]
 
 
 def _varies(values: np.ndarray) -> bool:
@@ -81,8 +85,13 @@ def _columns(result: Result, names: list[str], dims: list[str], lines: bool) -> 
     for j, dim in enumerate(dims):
         at = everywhere(result, dim, result[dim].values)
         for i, name in enumerate(names):
-            axes, values = panels[i, j], np.where(lost, np.nan, result[name].values.ravel())
-            axes.plot(at, values, "o-" if lines else "o", color=LINKS[0], markersize=4)
+            axes, series = panels[i, j], result[name].values.reshape(lost.size, -1).T
+            for entry, values in enumerate(series):
+                colour, named = LINKS[entry % len(LINKS)], f"entry {entry}"
+                axes.plot(at, np.where(lost, np.nan, values), "o-" if lines else "o",
+                          color=colour, markersize=4, label=named)  # fmt: skip
+            if len(series) > 1 and j == len(dims) - 1:
+                legend(axes)
             for k in np.flatnonzero(lost):
                 axes.plot(at[k], 0.02, "x", color=RED, transform=axes.get_xaxis_transform())
             if j == 0:

@@ -786,5 +786,7 @@ def test_an_objective_may_be_given_as_one():
     assert found.task.objective == Objective("peak_spike_load", 0.75)
     assert found.value == pytest.approx(585 / 23, abs=1e-9)
     assert Objective.of(Objective()) == Objective.of("speed")
+    with pytest.raises(ArgumentError, match="objective must be one of 'speed', 'peak_spike_load',"):
+        Objective.of("spede")  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match="remove one of them"):
         design(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.75), 0.5)

@@ -174,7 +174,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
         "`rod_motion`: shapes, displacement, works; `animation`: the moving rod, as a GIF",
         default=(),
     )
-    switching: Switching = entry("switching pattern and rate")
+    switching: Switching = entry("switching of the coils")
     convergence: Convergence = entry("other meshes and steps", default=Convergence)
 
     # -- the rod and its coils ---------------------------------------------------------------------

@@ -383,8 +383,8 @@ class PlanarMotion(Study, kind="planar-motion"):
         default=None,
     )
     contact: ContactTable = entry("how contact is treated; exact if left out", default=ExactContact)
-    time: TimeSpan = entry("how long")
-    tolerance: ToleranceTable = entry("how exact simulations are", default=ToleranceTable)
+    time: TimeSpan = entry("duration and samples")
+    tolerance: ToleranceTable = entry("tolerances of simulations", default=ToleranceTable)
 
     @property
     def counts(self) -> dict[str, int]:

@@ -308,7 +308,7 @@ class PlanarPath(Study, kind="planar-path"):
         "obstacles that the body may not touch", default=()
     )
     route: Route = entry("start, goal and limits of the path")
-    search: Search = entry("how", default=Search)
+    search: Search = entry("options of the search", default=Search)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield shapes, rates and gaits that do not fit the body."""

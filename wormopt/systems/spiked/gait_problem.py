@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import comb
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from msgspec import Meta, structs
 
 from wormopt.errors import ArgumentError, Fault
-from wormopt.model.given import per, wrong_order
+from wormopt.model.given import check_choice, per, wrong_order
 from wormopt.study.given import Given, entry, number, positive, whole, wrong_count
 from wormopt.study.types import (
     Loads,
@@ -242,9 +242,10 @@ class Objective(Given, kw_only=False):
         Raises
         ------
         ArgumentError
-            If `what` is an Objective and `speed` is given too.
+            If `what` is no objective, or is an Objective and `speed` is given too.
         """
         if not isinstance(what, Objective):
+            check_choice("objective", what, ("speed", *get_args(Cost)))
             return cls(None if what == "speed" else what, speed)
         if speed is not None:
             raise ArgumentError("speed is given, but the objective has its own; remove one of them")
@@ -363,7 +364,7 @@ class Search(Given):
     """  # noqa: E501
 
     seed: Seed = entry("seed of the random starts", default=0)
-    effort: Effort = entry("extent of the search, see above", default="normal")
+    effort: Effort = entry("extent of the search", default="normal")
     phases: int | None = whole(2, 64, "largest number of phases of a cycle", default=None)
     sequence: Order | None = entry(
         "resting masses of each phase of a cycle; only this sequence is used", default=None

@@ -411,9 +411,9 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
     )
     worm: Masses = entry("the masses")
     start: Start = entry("start of a simulated motion for comparison", default=Start)
-    time: Course = entry("its duration", default=Course)
+    time: Course = entry("duration of the motion", default=Course)
     averaging: AveragingTable = entry("computation of the averages", default=AveragingTable)
-    tolerance: ToleranceTable = entry("how exact simulations are", default=ToleranceTable)
+    tolerance: ToleranceTable = entry("tolerances of simulations", default=ToleranceTable)
 
     # -- computing ---------------------------------------------------------------------------------
 
