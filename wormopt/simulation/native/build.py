@@ -52,9 +52,7 @@ def compiler() -> tuple[str, ...] | None:
     """
     named = os.environ.get("CC", "").strip()
     if named:
-        words = (
-            [named] if shutil.which(named) else named.split()
-        )  # C:\Program Files\... is one word
+        words = [named] if shutil.which(named) else named.split()  # C:\Program Files\... is one
         return tuple(words) if shutil.which(words[0]) else None
     for name in () if sys.platform == "win32" else ("cc", "gcc", "clang"):
         if shutil.which(name):
