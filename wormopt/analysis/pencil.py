@@ -25,8 +25,8 @@ Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 # Tolerance of rank decisions, in rounding errors of whole matrices. It allows for entries with own
-# rounding errors: 10 is too small for four states mixed by a matrix of condition 100, 1000 loses weak
-# couplings of a chain.
+# rounding errors: 10 is too small for four states mixed by a matrix of condition 100, 1000 loses
+# weak couplings of a chain.
 _ROUNDINGS = 100.0
 
 
