@@ -103,7 +103,7 @@ class Experiment:
             if signals.count(name) > 1 or name in sought:
                 what = "chosen twice" if signals.count(name) > 1 else "both chosen and unknown"
                 raise ArgumentError(f"{name} is {what}; leave one out")
-        self.prior  # checks priors and earlier runs
+        self.prior  # noqa: B018  checks priors and earlier runs
 
     def _check_names(self) -> None:
         known = {signal.name for signal in (*self.model.x, *self.model.outputs)}

@@ -275,7 +275,7 @@ class _Search:
         )
 
     def within(self, chosen: np.ndarray) -> np.ndarray | None:
-        """Shrink inputs until the motion is within its limits, closely checked; None if it fails."""
+        """Shrink inputs until motions keep their limits, closely checked; None if it cannot."""
         if self.over(chosen) <= _KEPT:
             return chosen
         low, high = 0.0, 1.0
