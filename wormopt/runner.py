@@ -1,4 +1,4 @@
-"""The verb `run`: a scene in, its Result out; and results that were saved."""
+"""The verb `run`, from a scene to its Result; and saved results."""
 
 from __future__ import annotations
 
@@ -114,9 +114,9 @@ _NO_MEMORY = "more memory is needed than there is; shorter times, or fewer sampl
 
 
 def attempt(scene: Scene[Any], report: Report = silent, only: Sequence[str] = ()) -> Result:
-    """Run a scene; what it found before it failed is a Result too, with the reason.
+    """Run a scene; results before a failure are a Result too, with the reason.
 
-    Raises Interrupted, with such a Result, where it was stopped.
+    Raises Interrupted, with such a Result, if it was stopped.
     """
     try:
         return run(scene, report=report, only=only)
@@ -131,14 +131,14 @@ def attempt(scene: Scene[Any], report: Report = silent, only: Sequence[str] = ()
 def _failed(scene: Scene[Any], partial: object, reason: str = "") -> Result:
     from wormopt.result import Result
 
-    # a motion that a study came upon is no Result of it
+    # an intermediate motion of a study is no Result of it
     found = partial if isinstance(partial, Result) else scene.table.unfinished(reason)
     known = found.reason if found.status == "failed" else ""
     return found.failed(reason or known or "interrupted")
 
 
 def result_at(given: str | Path) -> Result:
-    """Read a saved result; ArgumentError, with what to write instead, where there is none."""
+    """Read a saved result; ArgumentError, with what to write instead, if there is none."""
     path = Path(given)
     why = _missing(path)
     if not why:
@@ -154,7 +154,7 @@ def result_at(given: str | Path) -> Result:
 
 
 def _missing(path: Path) -> str:
-    """Why there can be no result; empty where there may be one."""
+    """Reason why there can be no result; empty if there may be one."""
     try:
         if path.is_dir() and not (path / RESULT_FILE).exists():
             return f"holds no {RESULT_FILE}; name a folder that `wormopt run` wrote"

@@ -1,4 +1,4 @@
-"""Results in files: ``result.nc`` (NetCDF-3) holds everything, ``summary.json`` is read first."""
+"""Files of results: ``result.nc`` (NetCDF-3) contains everything, ``summary.json`` the summary."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _write_variable(file: Any, variable: Variable) -> None:
 
 
 def _write_number(file: Any, name: str, scalar: Scalar) -> None:
-    """Write a single number as a variable too, for readers that know no JSON attributes."""
+    """Write a single number as a variable too, for readers without JSON attributes."""
     if isinstance(scalar.value, int | float) and NAME.fullmatch(name):
         stored = file.createVariable(name, "d", ())
         stored.data[...] = scalar.value

@@ -1,4 +1,4 @@
-"""Driving a plant open loop: its inputs are courses of time."""
+"""Open-loop control: inputs of a plant as functions of time."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from wormopt.model.gait import Gait
 from wormopt.model.given import check_flag, check_kind
 from wormopt.model.model import Model, Output, Signal
 
-# Part of its bound, or nominal size, by which an input may exceed it: optimised courses run along
-# bounds, but for rounding and the tolerance of the solver.
+# Share of its bound, or nominal size, by which an input may exceed it: optimised inputs follow
+# bounds up to rounding and the tolerance of the solver.
 _EXCESS = 1e-8
 
 
@@ -81,9 +81,9 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
 
 
 def _cut(inputs: Sequence[Signal], course: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
-    """Cut a course of all inputs to their bounds, and the output that says where.
+    """Cut inputs over time to their bounds; also the output that shows where.
 
-    Without any bounds the course stays as it is, and there is no output.
+    Without bounds the inputs are unchanged, and there is no output.
     """
     bounds = np.array([(s.lower, s.upper, s.nominal) for s in inputs for _ in range(s.size)])
     if not np.any(np.isfinite(bounds[:, :2])):

@@ -28,7 +28,7 @@ def make(course: Course, stem: str) -> dict[str, bytes]:
 
 
 def _comment(lines: Iterable[str]) -> str:
-    """Comment out of text that may hold anything."""
+    """C comment of any text."""
     kept = (line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?") for line in lines)
     return "/* " + "\n * ".join(kept) + "\n */\n"
 
@@ -150,7 +150,7 @@ def _replay(course: Course, name: str, header: str) -> str:
     spread = np.linspace(-2.3, 3.7, 41) * period
     at = np.concatenate([gait.breaks[:-1], middle, spread])
     rows = np.concatenate([gait(at), gait(at, 1), gait(at, 2)]).T
-    # what rounding of the time alone may change
+    # effect of the rounding of the time
     size = [float(np.abs(part).max()) or 1.0 for part in np.split(rows, 3, axis=1)]
     said = _comment(
         [

@@ -1,4 +1,4 @@
-"""CSV: signals over time, one row for each instant; everything else over its own dimensions."""
+"""CSV tables: signals over time, one row for each instant; others over their dimensions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from wormopt.quantities import Variable
 from wormopt.result import Result
 from wormopt.systems.spiked.files import gait_of_result
 
-# Dimensions that are time, and signals that may be a gait's own, with the order of derivative.
+# Dimensions of time, and signals that may be those of a gait, with the order of derivative.
 _AXES = ("time", "instant")
 _OF_GAIT = {"length": 0, "reference": 0, "rate": 1, "acceleration": 2}
 _SAME = 1e-9
@@ -32,12 +32,12 @@ def make(
     *,
     whole_steps: bool = False,
 ) -> dict[str, bytes]:
-    """Tables of a result: ``STEM.csv`` over time, ``STEM_point.csv`` and the like over the rest.
+    """Tables of a result: ``STEM.csv`` over time, ``STEM_point.csv`` and so on over the rest.
 
-    A result without time that has one table alone has it in ``STEM.csv``; a sweep has a row for
-    each point. With `columns`, signals of these names only; with `whole_steps`, one closed cycle of
-    the gait, slowed down to whole steps. Raises ArgumentError if there is nothing to write, there
-    are no such columns, or a step is given and no time.
+    A single table without time is ``STEM.csv``; a sweep has a row for each point. With `columns`,
+    only signals of these names; with `whole_steps`, one closed cycle of the gait, slowed down to
+    whole steps. Raises ArgumentError if there is nothing to write, there are no such columns, or
+    a step is given without time.
     """
     if whole_steps and step is not None:
         about, found = _cycle(result, step)
@@ -88,7 +88,7 @@ def _chosen(tables: dict[str, list[Column]], names: Sequence[str]) -> dict[str, 
         table: [c for c in found if any(_is_of(c[0], name) for name in names)]
         for table, found in tables.items()
     }
-    return {  # the first column is time, or the place
+    return {  # the first column is time, or the index
         table: [*found[:1], *(c for c in chosen[table] if c is not found[0])]
         for table, found in tables.items()
         if chosen[table]
@@ -100,7 +100,7 @@ def _is_of(column: str, name: str) -> bool:
 
 
 def _kept(said: list[str], columns: Sequence[Column]) -> list[str]:
-    """Remarks on a table; that by which a gait is read back needs the gait's columns."""
+    """Remarks on a table; that for reading back a gait requires the gait's columns."""
     names = [name for name, _, _ in columns]
     return [
         line
@@ -163,7 +163,7 @@ def _over_time(
     back = []
     if exact:
         cycle = next(iter(exact.values())).period
-        if own[0] == 0 and own[-1] >= cycle * (1 - _SAME):  # a table of all of it
+        if own[0] == 0 and own[-1] >= cycle * (1 - _SAME):  # a table of the whole gait
             back = [remark_of_gait(next(iter(exact)), cycle, result[axis].unit)]
     if step is None:
         return back, columns
@@ -185,7 +185,7 @@ def _between(at: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _of_gait(result: Result, axis: str) -> dict[str, Gait]:
-    """The gait, by the names of those signals that are its lengths, rates and accelerations."""
+    """The gait, and the names of signals that are its lengths, rates and accelerations."""
     if "gait_polynomial" not in result:
         return {}
     gait, t = gait_of_result(result), result[axis].values
@@ -205,7 +205,7 @@ def _of_gait(result: Result, axis: str) -> dict[str, Gait]:
 
 
 def _long(result: Result, variables: Sequence[Variable]) -> Iterator[Column]:
-    """One row for each entry: its place, by coordinate or number, then the variables there."""
+    """One row for each entry: its position, by coordinate or index, then the variables there."""
     dims, shape = variables[0].dims, variables[0].values.shape
     for place, dim in zip(np.indices(shape), dims, strict=True):
         known = dim in result and result[dim].dims == (dim,)

@@ -1,4 +1,4 @@
-"""The verb `fit`: recordings in, numbers out, with how well they are known."""
+"""The verb `fit`: estimates parameters from recordings, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wormopt.fitting.task import FitTask
 from wormopt.progress import Report, silent
 from wormopt.simulation.trajectory import NonsmoothEvent
 
-# Starts end at the same place if they are within so many standard errors of the best.
+# Standard errors from the best within which starts have the same end.
 _SAME = 0.1
 # Noise is estimated until it changes by less than this share.
 _SETTLED, _MOST_LEVELS = 1e-3, 20
@@ -120,7 +120,7 @@ def _of_starts(
     seen: Seen,
     report: Report,
 ) -> Descent:
-    """Lead starts downhill, one after the other, until enough of them agree."""
+    """Descend from starts, one after the other, until enough of them agree."""
     speed, (*ways, last) = contact_speed(task, task.start), ways_of(task, nodes)
     best, first, noisy = None, None, False  # whether the best leaves noise only
     for number, start in enumerate(starts):
@@ -145,13 +145,13 @@ def _of_starts(
             f"no start of the fit could be simulated: {first}",
             "begin with other numbers, or narrower bounds",
         ) from first
-    # by the errors of this noise; what is estimated later may be far smaller
+    # by the errors of this noise; estimates may be far smaller later
     ends[:] = [replace(end, agrees=_agrees(best, end)) for end in ends]
     return best
 
 
 def _agrees(best: Descent, end: Attempt) -> bool:
-    """Whether a start ended where the best did, but for what the data do not tell."""
+    """Whether a start ended at the best, except along directions that the data do not determine."""
     if not np.isfinite(end.cost):
         return False
     step = best.jacobian @ (end.theta - best.theta)
@@ -161,7 +161,7 @@ def _agrees(best: Descent, end: Attempt) -> bool:
 def _with_levels(
     task: FitTask, best: Descent, estimated: tuple[str, ...]
 ) -> tuple[FitTask, Descent]:
-    """Estimate noise and numbers in turn until neither changes."""
+    """Estimate noise and unknowns in turn until neither changes."""
     for _ in range(_MOST_LEVELS):
         noise = noise_of(task, best.theta, estimated)
         change = max(abs(noise[s] / task.level(s) - 1) for s in estimated)
@@ -175,7 +175,7 @@ def _with_levels(
 def _told(
     asked: FitTask, task: FitTask, best: Descent, ends: list[Attempt], reason: str = ""
 ) -> Fit:
-    """Say what was found and whether it holds; `asked` is the task before noise was estimated."""
+    """Make the Fit with warnings; `asked` is the task before noise was estimated."""
     ends = sorted(ends, key=lambda end: end.cost)
     found = Fit(
         task=task,
@@ -208,7 +208,7 @@ def _told(
 
 
 def _failing(found: Fit, strange: list[str]) -> str:
-    """Why a search has not converged, of which the residuals may be no noise; "" if it has."""
+    """Reason why a search has not converged, if residuals may not be noise; "" if it has."""
     names, same, held = found.names, sum(end.agrees for end in found.starts), found.at_bound
     if strange and 2 * len(held) >= len(names):
         return (
@@ -235,7 +235,7 @@ def _failing(found: Fit, strange: list[str]) -> str:
 
 
 def _doubted(found: Fit) -> list[str]:
-    """Where errors rest on derivatives that do not exist; a line for each run."""
+    """Warnings about errors from derivatives that do not exist; a line for each run."""
     doubts: dict[str, list[NonsmoothEvent]] = {}
     for run, doubt in found.nonsmooth_events:
         doubts.setdefault(run, []).append(doubt)

@@ -1,4 +1,4 @@
-"""A number of a sweep over two keys: a table whose cells are coloured, and open."""
+"""A number of a sweep over two keys: a table with coloured, clickable cells."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wormopt.reports.words import escaped, number
 from wormopt.sweeps.gathered import STATUS
 
 _SIGNS = {1: "×", 2: "○", 3: "·"}
-_DENSE = 12  # columns from which on cells have no room for their numbers
+_DENSE = 12  # number of columns from which cells have no room for numbers
 
 
 def map_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
@@ -66,7 +66,7 @@ def _cell(
 
 
 def legend_html(grid: Grid, low: float, high: float, best: int | None) -> str:
-    """Tell what colours and signs mean."""
+    """Legend of colours and signs."""
     there = set(grid.states)
     keys = [
         f'<span class="key"><span class="cell state{k}" aria-hidden="true">{_SIGNS[k]}'

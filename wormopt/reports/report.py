@@ -1,4 +1,4 @@
-"""The verb `report`: results in, one page out."""
+"""The verb `report`: writes results to one page."""
 
 from __future__ import annotations
 

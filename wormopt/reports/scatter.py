@@ -1,4 +1,4 @@
-"""A number of a sweep whose points lie anywhere: dots over the first two keys, that open."""
+"""A number of a sweep with scattered points: clickable dots over the first two keys."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def scatter_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
 
 
 def _marks(values: np.ndarray, places: list[float], upward: bool) -> str:
-    """Levels of an axis where its values are evenly told, else its ends."""
+    """Ticks of an axis at values with even spacing, else at its ends."""
     low, high = float(values.min()), float(values.max())
     first, last = places[int(values.argmin())], places[int(values.argmax())]
     logarithmic = low > 0 and high / low > 50

@@ -1,4 +1,4 @@
-"""A sweep as a map of its points, which open; of one key a line, of many a table or dots."""
+"""A sweep as a map of clickable points; for one key a line, for many a table or dots."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from wormopt.reports.words import escaped, name_text, sentence, unit_text, value
 from wormopt.reports.worm import motion_html
 from wormopt.sweeps.gathered import STATUS
 
-_MOST_OPENED, _MOST_DRAWN = 64, 24  # points with the worm moving, and with a picture too
-_MOST_MAPS, _MOST_CELLS = 10, 5000  # numbers to choose from, cells in all of their maps
+_MOST_OPENED, _MOST_DRAWN = 64, 24  # most points with the worm moving, and with a picture
+_MOST_MAPS, _MOST_CELLS = 10, 5000  # most numbers to choose from, and cells in all of their maps
 _MOST_ROWS = 2500
 
 
 def sweep_html(source: Source, ident: str, room: float) -> str:
-    """Give maps of the numbers of a sweep, one shown at a time, and its points."""
+    """Maps of the numbers of a sweep, one shown at a time, and its points."""
     grid = grid_of(source)
     blocks = _blocks(grid, ident, room)
     count = len(grid.states)
@@ -81,7 +81,7 @@ def _choice(grid: Grid, variable: Variable, ident: str, targets: list[str], k: i
 
 
 def _blocks(grid: Grid, ident: str, room: float) -> dict[int, str]:
-    """What opens of the points whose results lie beside the sweep: the motion, a picture."""
+    """Details of the points with saved results: the motion, a picture."""
     blocks: dict[int, str] = {}
     drawn = 0
     for point, result in grid.results(_MOST_OPENED):

@@ -1,4 +1,4 @@
-"""Why a result may be trusted, or not, in plain words."""
+"""Reasons to trust a result, or not, in plain words."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from wormopt.reports.parts import details, scrolled, table
 from wormopt.reports.words import escaped, name_text, number, sentence, value_text
 from wormopt.result import Check, Result
 
-_SAID = ("checks", "warnings", "recheck")  # in words of their own
-_LONGEST = 60_000  # letters of a report in full
+_SAID = ("checks", "warnings", "recheck")  # described separately
+_LONGEST = 60_000  # largest number of letters of a report in full
 
 
 def status_html(result: Result) -> str:
-    """One line: accepted, unchecked or failed, and why."""
+    """Status on one line, with the reason."""
     checks = result.checks
     if result.status == "failed":
         why = sentence(result.reason or "no reason is given")
@@ -61,7 +61,7 @@ def _failures(checks: tuple[Check, ...]) -> Iterator[str]:
 
 
 def _routes(recheck: Any) -> Iterator[str]:
-    """Sentences on what was computed a second time."""
+    """Sentences about second computations."""
     if isinstance(recheck, list):
         yield from dict.fromkeys(line for item in recheck for line in _routes(item))
     if not isinstance(recheck, Mapping):

@@ -48,7 +48,7 @@ class Swept(Given):
         return self.method in ("latin-hypercube", "sobol")
 
     def faults(self) -> Iterator[Fault]:
-        """Yield what is wrong between the keys."""
+        """Yield faults between the keys."""
         if not self.over:
             yield "over", 'nothing is varied; write over."worm.load" = "1:10:10", say'
         for key, values in self.over.items():

@@ -1,4 +1,4 @@
-"""Picture of a sweep: numbers over the keys that were varied."""
+"""Picture of a sweep: results over the keys that vary."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wormopt.plotting.parts import GREY, LINKS, RED, label, legend, narrow, shee
 from wormopt.result import Result
 from wormopt.sweeps.gathered import NUMBERED, as_typed, everywhere
 
-# So many numbers are shown where none were asked for.
+# Number of results shown by default.
 _MOST = 4
 _LOST: dict[str, Any] = {"hatch": "////", "facecolor": "#F2F2F2", "edgecolor": GREY, "linewidth": 0}
 
@@ -34,7 +34,7 @@ def sweep(result: Result) -> Figure:
 
 
 def shown(result: Result) -> list[str]:
-    """Numbers that were asked for, or the first ones of the kind that vary, none of them twice."""
+    """Requested results, or the first varying ones of the kind, without duplicates."""
     asked = result.attributes.get("shown")
     if asked:
         return list(asked)
@@ -78,7 +78,7 @@ def _mark_lost(axes: Axes, x: np.ndarray, y: np.ndarray, lost: np.ndarray) -> No
 
 
 def _columns(result: Result, names: list[str], dims: list[str], lines: bool) -> Figure:
-    """A column for every key, a row for every number."""
+    """A column for every key, a row for every result."""
     figure = sheet(max(4.2 * len(dims), 6.4), 2.3 * len(names) + 0.6)
     panels: Any = figure.subplots(len(names), len(dims), squeeze=False, sharex="col", sharey="row")
     lost = ~np.isin(result["status"].values.ravel(), NUMBERED)
@@ -106,7 +106,7 @@ def _named(result: Result, name: str) -> str:
 
 
 def _scale(axes: Axes, which: str, result: Result, dim: str) -> None:
-    """Label an axis by its key; texts stand as they are, equal ratios on a logarithmic scale."""
+    """Label an axis by its key; texts are unchanged, equal ratios get a logarithmic scale."""
     (axis,) = (axis for axis in result.attributes["axes"] if axis["dim"] == dim)
     values = result[dim].values
     getattr(axes, f"set_{which}label")(label(axis["key"], result[dim].unit))
@@ -126,7 +126,7 @@ def _is_geometric(values: np.ndarray) -> bool:
 
 
 def _edges(values: np.ndarray) -> np.ndarray:
-    """Borders of cells round ascending or descending values, half way between them."""
+    """Borders of cells around ascending or descending values, half way between them."""
     if len(values) == 1:
         half = 0.5 * abs(values[0]) or 0.5
         return np.array([values[0] - half, values[0] + half])

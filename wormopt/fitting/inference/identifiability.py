@@ -1,9 +1,9 @@
-"""Which unknowns a fit knows, and which it cannot tell apart.
+"""Identifiability: which unknowns and combinations a fit determines.
 
-The singular values of the Jacobian, its columns scaled by the sizes of the unknowns, say how much
-each combination of relative changes moves the residuals, in standard deviations. Computed
-derivatives are wrong by E, and so every singular value by as much at most (Weyl): what is not
-larger than E is none. E is measured, by derivatives computed anew, less exactly (`Fit.error`).
+The singular values of the Jacobian, its columns scaled by the sizes of the unknowns, are changes of
+residuals, in standard deviations, by combinations of relative changes. If the error of the Jacobian
+is E, that of every singular value is at most E (Weyl): values up to E are 0. E is measured by
+derivatives with looser tolerances (`Fit.error`).
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Identifiability:
 
     @property
     def gap(self) -> float:
-        """Least singular value that counts over the largest that does not, or over the error."""
+        """Least nonzero singular value over the largest zero one, or over the error."""
         if self.rank == 0:
             return 0.0
         beyond = self.singular_values[self.rank :]
@@ -75,7 +75,7 @@ class Identifiability:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is not known, sentence by sentence."""
+        """Statements about unknowns that are not known."""
         shares = dict(zip(self.names, self.errors, strict=True))
         return (
             *map(str, self.lost),
@@ -157,6 +157,6 @@ def _named(task: FitTask, which: np.ndarray) -> tuple[str, ...]:
 
 
 def _errors(spectrum: tuple[np.ndarray, np.ndarray], error: float) -> np.ndarray:
-    """Standard errors (n,) in sizes, infinite for what has a share in what cannot be told."""
+    """Standard errors (n,) in sizes, infinite with a share in unidentifiable directions."""
     _, errors, lost = told_by(spectrum, error)
     return np.where(lost, np.inf, errors)

@@ -1,4 +1,4 @@
-"""All numbers that readings and priors allow, drawn at random by their probability.
+"""Samples of the posterior distribution of unknowns, given readings and priors.
 
 Draws by the No-U-Turn sampler of nutpie, with gradients from the Jacobian of the residuals, in
 coordinates without bounds in which the fit's covariance is about 1.
@@ -27,15 +27,15 @@ from wormopt.fitting.uncertainty import TOLD, spectrum
 from wormopt.progress import Report, silent
 from wormopt.shown import SHORT, lines, text
 
-# Gelman's R-hat by ranks and the effective number of draws that A. Vehtari et al. ask for,
-# Bayesian Analysis 16 (2021) 667.
+# Limits of A. Vehtari et al., Bayesian Analysis 16 (2021) 667, for the rank-normalised R-hat and
+# the effective number of draws.
 R_HAT, FEWEST = 1.01, 400
-_LOOK = 0.05  # seconds between looks at the sampler
+_LOOK = 0.05  # seconds between checks of the sampler
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Draws of the unknowns, and whether they can be trusted.
+    """Draws of the unknowns, and whether they are reliable.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Posterior:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why the draws are not to be trusted; empty if they are."""
+        """Reasons why the draws are unreliable; empty if they are reliable."""
         told = []
         if self.divergences:
             told.append(
@@ -242,20 +242,20 @@ def _made(density: Density, arviz: Any, trace: Any) -> Posterior | None:
 
 
 class Lost(Exception):
-    """A motion that could not be followed: a draw that went astray, to nutpie."""
+    """A motion that cannot be simulated, as nutpie's error for a divergent draw."""
 
     is_recoverable = True
 
 
 @dataclass(frozen=True, eq=False)
 class Density:
-    """Logarithm of the probability, in numbers of about normal distribution."""
+    """Logarithm of the probability, in variables of about normal distribution."""
 
     found: Fit
 
     @property
     def task(self) -> FitTask:
-        """What was fitted."""
+        """The fitted task."""
         return self.found.task
 
     @property
@@ -264,13 +264,13 @@ class Density:
         return (*self.found.names, *(f"noise of {signal}" for signal in self.found.estimated))
 
     def numbers(self, y: np.ndarray) -> np.ndarray:
-        """Numbers (n,) drawn: of unknowns, then standard deviations."""
+        """Draws (n,) in own units: unknowns, then standard deviations."""
         u, scales = self._parts(y)
         noise = [self.task.level(signal) for signal in self.found.estimated]
         return np.concatenate([self.task.values(self._free.theta(u)), np.exp(scales) * noise])
 
     def log(self, y: np.ndarray) -> tuple[float, np.ndarray]:
-        """Logarithm of the probability but for a constant, and its gradient (n,)."""
+        """Logarithm of the probability up to a constant, and its gradient (n,)."""
         u, scales = self._parts(y)
         count, slopes = self.task.count, self._free.slopes(u)
         try:
@@ -304,7 +304,7 @@ class Density:
 
     @cached_property
     def _rows(self) -> np.ndarray:
-        """Which rows (rows, l) have which of the estimated noises."""
+        """Rows (rows, l) of each estimated noise."""
         found = np.zeros((len(self.found.residuals), len(self.found.estimated)))
         for k, signal in enumerate(self.found.estimated):
             found[rows_estimated(self.task, signal), k] = 1.0

@@ -1,4 +1,4 @@
-"""A run kept aside: predicted from the others, with what is uncertain of it, and judged."""
+"""Validation: a run left out is predicted from the others, with its uncertainty, and tested."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wormopt.fitting.uncertainty import TOLD, spectrum
 from wormopt.shown import SHORT, lines, text
 
 _DOUBTED = 0.01  # p below which a prediction is doubted
-_SETTLED = 1e-4  # what a fit of the run's own unknowns may leave of its squares
+_SETTLED = 1e-4  # share of the squares that a fit of the run's own unknowns may leave
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class Prediction:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is out of the ordinary."""
+        """Statements about anomalies."""
         name = self.recording.name
         unknown = [s for s, sd in self.model_error.items() if np.isinf(sd).any()]
         told = [f"what the fit cannot tell moves {signal} in {name}" for signal in unknown]
@@ -169,7 +169,7 @@ def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Predict
 
 
 def _with_own(found: Fit, task: FitTask, own: np.ndarray) -> np.ndarray:
-    """Coordinates of the run: those found, and its own fitted to it."""
+    """Coordinates of the run: estimates, and its own unknowns fitted to it."""
     known = dict(zip(found.names, found.theta, strict=True))
     theta = task.start
     theta[~own] = [known[name] for name, is_own in zip(task.names, own, strict=True) if not is_own]
@@ -192,14 +192,14 @@ def _rows(task: FitTask, own: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray
 def _spread(
     found: Fit, task: FitTask, own: np.ndarray, jacobian: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Factor (n, k) of the covariance of all coordinates, and what the fit cannot tell (n, l)."""
+    """Factor (n, k) of the covariance of all coordinates, and unidentifiable directions (n, l)."""
     s, v = found.singular
     told = s > found.error
     rows = [found.names.index(n) for n, is_own in zip(task.names, own, strict=True) if not is_own]
     directions = (found.sizes[:, None] * v)[rows]
     spread = np.zeros((len(own), len(s)))
     spread[~own] = directions
-    if own.any():  # these make up for it, and know their own part by the run's noise
+    if own.any():  # these compensate the others, and the run's noise determines their own part
         columns = jacobian[:, own]
         spread[own] = -np.linalg.lstsq(columns, jacobian @ spread, rcond=TOLD)[0]
         noise = np.zeros((len(own), own.sum()))
@@ -221,7 +221,7 @@ def _basis(columns: np.ndarray) -> np.ndarray:
 def _judged(r: np.ndarray, effects: np.ndarray, taken: np.ndarray) -> tuple[float, np.ndarray]:
     """Squares of the residuals over their covariance, and the standard deviation of each (rows,).
 
-    Residuals are noise and `effects` times unit normals, less what lies in `taken`.
+    Residuals are noise and `effects` times unit normals, without their part in `taken`.
     """
     r = r - taken @ (taken.T @ r)
     effects = effects - taken @ (taken.T @ effects)
@@ -247,7 +247,7 @@ def _bands(
 
 
 def _p(found: Fit, chi2: float, freedom: int) -> float:
-    """Of a true model; the noise is as uncertain as its estimate."""
+    """P-value for a true model; the noise is as uncertain as its estimate."""
     if not found.estimated:
         return float(stats.chi2.sf(chi2, freedom))
     readings = sum(len(rows_estimated(found.task, signal)) for signal in found.estimated)
