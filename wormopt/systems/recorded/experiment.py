@@ -407,10 +407,10 @@ class PlannedExperiment(FromScene, kind="experiment"):
     @cached_property
     def minimised(self) -> Criterion:
         """The criterion of experiments."""
-        if (asked := self.prediction) is None:
+        if (table := self.prediction) is None:
             return self.experiment.criterion(self.criterion, self.wanted_names)
-        model = self.with_best_values(model_of(asked.model, "", self, "prediction.model"))
-        return mean_rate(self.experiment, model, asked.output, (asked.span[0], asked.span[1]))
+        model = self.with_best_values(model_of(table.model, "", self, "prediction.model"))
+        return mean_rate(self.experiment, model, table.output, (table.span[0], table.span[1]))
 
     @stage
     def planning(self) -> tuple[Plan, str]:

@@ -303,12 +303,12 @@ class FitDesign(DesignTable, kind="fit-design"):
     @stage
     def fitting(self) -> Fit:
         recordings = [run.recording for run in self.reading]
-        model, asked = recordings[0].model, self.fit
+        model, table = recordings[0].model, self.fit
         assert model is not None
-        unknowns = [Unknown(name) for name in asked.numbers]
+        unknowns = [Unknown(name) for name in table.numbers]
         with refused_at(self, "fit"):
-            task = FitTask(model, recordings, unknowns, noise=asked.noise or None)
-        return fit(task, seeds=asked.seeds, seed=asked.seed, report=self.report)
+            task = FitTask(model, recordings, unknowns, noise=table.noise or None)
+        return fit(task, seeds=table.seeds, seed=table.seed, report=self.report)
 
     @cached_property
     def believed(self) -> Believed:

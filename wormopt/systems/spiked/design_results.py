@@ -98,12 +98,12 @@ def of_design(table: DesignTable, found: Design) -> DesignReport:
     if (motor := table.motor) is not None:
         # a motor that always needs a ramp, and the gait alone: independent of the design's own
         # check
-        asked = demand(found.gait, structs.replace(motor, start_rate=0.0))
+        needed = demand(found.gait, structs.replace(motor, start_rate=0.0))
         scalars |= {f"{name}_limit_from": whose for name, whose in _whose(table).items()}
-        scalars["motor_rate_share"] = float(asked.turn_rate_max.max()) / motor.rate_max
-        most = float(asked.acceleration_max.max())
+        scalars["motor_rate_share"] = float(needed.turn_rate_max.max()) / motor.rate_max
+        most = float(needed.acceleration_max.max())
         scalars["motor_acceleration_share"] = most / motor.acceleration_max
-        checks.append(_check_of_motors(asked))
+        checks.append(_check_of_motors(needed))
         facts |= assumed(table.units, motors=_MOTORS)
     warnings = (*_warnings(found, table.search.effort), *_warnings_of_steps(rounded))
     return DesignReport(
@@ -228,11 +228,11 @@ def _warnings_of_steps(rounded: dict[str, float]) -> Iterator[str]:
             )
 
 
-def _check_of_motors(asked: Demand) -> Check:
+def _check_of_motors(needed: Demand) -> Check:
     # a period too short by a share means accelerations too large by twice this share
-    name, short = asked.strictest.name, max(0.0, asked.period_min / asked.period - 1.0)
-    advice = f"motor.{name} is exceeded: the gait needs a period of {asked.period_min}"
-    return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=asked.feasible)
+    name, short = needed.strictest.name, max(0.0, needed.period_min / needed.period - 1.0)
+    advice = f"motor.{name} is exceeded: the gait needs a period of {needed.period_min}"
+    return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=needed.feasible)
 
 
 def _whose(table: DesignTable) -> dict[str, list[str]]:

@@ -79,8 +79,8 @@ def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
     """
     breaks = np.union1d(crawl.breaks, crawl.course.breaks)
     after = np.searchsorted(tau, breaks).clip(1, len(tau) - 1)
-    told = np.minimum(np.abs(breaks - tau[after]), np.abs(breaks - tau[after - 1])) < _APART
-    ends = _halved(crawl, np.union1d(tau, breaks[~told]))
+    near_breaks = np.minimum(np.abs(breaks - tau[after]), np.abs(breaks - tau[after - 1])) < _APART
+    ends = _halved(crawl, np.union1d(tau, breaks[~near_breaks]))
     rule, step = Collocation(_DEGREE), np.diff(ends)
     nodes = ends[:-1, None] + step[:, None] * rule.tau
     twist = motion_at(crawl, nodes.ravel()).twist.reshape(*nodes.shape, 3) * step[:, None, None]

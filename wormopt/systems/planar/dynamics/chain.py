@@ -176,10 +176,10 @@ class _Units:
 class _Springs:
     """Springs and dashpots of links and joints: expressions, parameters and schedules."""
 
-    told: dict[str, tuple[ca.SX, Signal | Schedule]]
+    found: dict[str, tuple[ca.SX, Signal | Schedule]]
 
     def _both(self, link: str, joint: str) -> ca.SX:
-        return ca.vertcat(self.told[link][0], self.told[joint][0])
+        return ca.vertcat(self.found[link][0], self.found[joint][0])
 
     @property
     def stiffness(self) -> ca.SX:
@@ -199,12 +199,12 @@ class _Springs:
     @property
     def parameters(self) -> list[Signal]:
         """Constant parameters."""
-        return [s for _, s in self.told.values() if isinstance(s, Signal) and s.size]
+        return [s for _, s in self.found.values() if isinstance(s, Signal) and s.size]
 
     @property
     def schedules(self) -> list[Schedule]:
         """Parameters that vary in time."""
-        return [s for _, s in self.told.values() if isinstance(s, Schedule)]
+        return [s for _, s in self.found.values() if isinstance(s, Schedule)]
 
 
 class _Chain:

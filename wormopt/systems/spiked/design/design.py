@@ -107,10 +107,12 @@ class Design:
 
     def __repr__(self) -> str:
         rests = [list(masses) for masses in self.sequence]
-        return lines(f"Design: {self._told}", f"at rest {rests}, for {brief(list(self.durations))}")
+        return lines(
+            f"Design: {self._summary}", f"at rest {rests}, for {brief(list(self.durations))}"
+        )
 
     @property
-    def _told(self) -> str:
+    def _summary(self) -> str:
         worm, cost = self.task.worm, self.task.objective.minimise
         least = f", {cost} {self.value:.6g}" if cost else ""
         period = f"period {self.period:.6g}"
@@ -137,7 +139,7 @@ class Design:
             Part("Violation of each limit, relative to it", excess),
             Part("Upper bound on the speed of any gait", [(f"{self.bound:.6g}", "")]),
         ]
-        return html(f"Design: {self._told}", parts)
+        return html(f"Design: {self._summary}", parts)
 
     def plot(self, picture: str = "gait") -> Figure:
         """Draw the designed gait with its limits.

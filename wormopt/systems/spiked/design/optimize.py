@@ -267,9 +267,9 @@ def _conflict(
             'write limits that match the size of the motion, or try search.effort = "thorough" or '
             "another search.seed",
         )
-    told = word.join(_told(task, key, share) for key, share in found.items())
+    needed = word.join(_change(task, key, share) for key, share in found.items())
     return SolveError(
-        f"no gait meets these limits together; one needs {told}",
+        f"no gait meets these limits together; one needs {needed}",
         "relax that" if word == " and " or len(found) == 1 else "relax one of these",
     )
 
@@ -314,7 +314,7 @@ def _deciding(task: GaitProblem, bound: float) -> list[str]:
     return list(map(task.key_of, raised or given))
 
 
-def _told(task: GaitProblem, key: str, share: float) -> str:
+def _change(task: GaitProblem, key: str, share: float) -> str:
     part, _, name = key.partition(".")
     old, new = (getattr(getattr(t, part), name) for t in (task, _relaxed(task, {key: share})))
     if isinstance(old, int | float) and isinstance(new, int | float):

@@ -188,9 +188,9 @@ def _check(believed: Believed, limits: Limits, confidence: float) -> None:
     if not np.all(np.isfinite(believed.covariance)):
         names = [*(f"mass[{i}]" for i in range(len(believed.mass))), "drag", "load"]
         unknown = np.flatnonzero(~np.isfinite(np.diag(believed.covariance)))
-        told = ", ".join(names[k] for k in unknown)
+        listed = ", ".join(names[k] for k in unknown)
         raise SolveError(
-            f"{told} cannot be identified from the recordings",
+            f"{listed} cannot be identified from the recordings",
             "record a gait in which every mass rests and moves, or give known values",
         )
 

@@ -25,8 +25,8 @@ Pattern = tuple[int, ...]
 def split_matters(task: GaitProblem, resting: Resting) -> bool:
     """Whether limits or cost depend on a split of the load that statics leaves open."""
     peaks = ("peak_spike_load", "peak_actuator_force")
-    asked = task.limits.actuator_force is not None or task.objective.minimise in peaks
-    return asked and len(resting) > 1 and task.limits.sharing == "least_actuation"
+    limited = task.limits.actuator_force is not None or task.objective.minimise in peaks
+    return limited and len(resting) > 1 and task.limits.sharing == "least_actuation"
 
 
 def lines_of(count: int, resting: Resting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
