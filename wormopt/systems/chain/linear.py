@@ -545,7 +545,7 @@ def _agree(what: str, difference: float, limit: float) -> Check:
 
 
 def _apart_by(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Largest distance of one of our poles from the nearest of theirs."""
+    """Largest distance of a pole of this route from the nearest one of the other."""
     return float(np.abs(ours[:, None] - theirs).min(axis=1).max())
 
 

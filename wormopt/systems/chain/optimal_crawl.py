@@ -103,7 +103,7 @@ class Search(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault for several starts beside an earlier result."""
+        """Yield a fault for several starts with an earlier result."""
         if self.result is not None and self.starts > 1:
             yield "result", "gives a single start; leave out search.starts or search.result"
 
@@ -414,7 +414,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @property
     def defect(self) -> float:
-        """Local error of an arc that is asked for."""
+        """Requested local error of an arc."""
         return self.mesh.tolerance if self.exact else math.inf
 
     # -- speeds ------------------------------------------------------------------------------------

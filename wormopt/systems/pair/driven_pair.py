@@ -123,7 +123,7 @@ class Harmonic:
     mean: float
     amplitude: float
     orbit: Orbit  # the motion
-    reached: bool = True  # has the speed that was asked for, if any was
+    reached: bool = True  # whether it has the required speed, if any
     kept: bool = True  # within the strain; if not, its mean alone exceeds it
 
     @property

@@ -682,7 +682,7 @@ class PlanarMotion(Study, kind="planar-motion"):
 
 
 def _sampled(motion: Trajectory | None) -> Trajectory | None:
-    """Return a motion as far as it was followed, or None if it has no sample."""
+    """Return a motion up to its end, or None if it has no sample."""
     return motion if motion and len(motion.time) else None
 
 

@@ -230,7 +230,7 @@ class FitDesign(DesignTable, kind="fit-design"):
     plant: Plant | None = entry("the real worm, to test the gait on", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield everything that no single key shows, and what is wrong in the files."""
+        """Yield faults between keys, and faults in the files."""
         yield from self.faults_of_design()
         yield from self.objective.faults_in_scene()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)

@@ -299,7 +299,7 @@ class ExactMotions:
 
     orbits: list[Orbit | None]  # periodic, one for each steady velocity; None: not found
     course: Trajectory | None  # from the velocity given
-    lost: str  # why the orbit of interest, or the course, is missing
+    lost: str  # why the relevant orbit, or the course, is missing
 
 
 @dataclass(frozen=True)
@@ -462,7 +462,7 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
 
     @stage
     def exact(self) -> ExactMotions:
-        """Find the periodic motions near the steady velocities, and the motion asked for."""
+        """Find the periodic motions near the steady velocities, and the requested motion."""
         time, found = self.time, self.averages
         runner = Runner(
             measured(self.worm.model(place=True)),

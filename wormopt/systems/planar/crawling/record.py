@@ -59,7 +59,7 @@ def motion_at(crawl: Crawl, tau: np.ndarray) -> Motion:
     """Return the motion at phases, near that of their stages."""
     within = np.clip(np.searchsorted(crawl.breaks, tau, side="right") - 1, 0, len(crawl.phases) - 1)
     near = [crawl.phases[k] for k in within]
-    return crawl.course.at(tau, near)  # type: ignore[arg-type]  # a stage has what is asked
+    return crawl.course.at(tau, near)  # type: ignore[arg-type]  # a stage has these attributes
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,7 +84,7 @@ class Polish:
         return corners, times * self.aim.duration_usual
 
     def motion(self, w: np.ndarray) -> tuple[Sides, np.ndarray, np.ndarray]:
-        """Return displacements, corners and times; cache the last."""
+        """Return displacements, corners and times; the last result is cached."""
         memory = self._memory
         if memory.get("w") is None or not np.array_equal(memory["w"], w):
             corners, times = self.unpack(w)

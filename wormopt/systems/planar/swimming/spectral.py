@@ -74,7 +74,7 @@ def spectral_stroke(
 
 
 def _climbed(swimmer: Swimmer, first: Harmonics, drag: float, orders: int) -> SpectralStroke:
-    """Return the best stroke of `orders` harmonics, by steps from one of fewer."""
+    """Return the best stroke of `orders` harmonics, starting from one with fewer."""
     n, known = first.n_s, len(first.cosine)
     phases = np.arange(_PER_ORDER * orders) / (_PER_ORDER * orders)
     rows = np.arange(1, orders + 1)
