@@ -395,7 +395,6 @@ class Trial:
         return motion if motion.end_time == end else None
 
     def _drawn(self, controller: Controller, model: Model) -> Drawn:
-        """Quantities of the drawn plants."""
         members, end, tolerance = dict(self.scenarios(controller)), self.time.end, loose_tolerance()
         if self.measurement:
             tolerance = replace(tolerance, max_steps=_PATIENCE)

@@ -147,7 +147,6 @@ def _transport(plant: Model, speeds: ca.SX) -> _Cost:
 
 
 def _rows_of_positions(plant: Model) -> list[list[int]]:
-    """Rows of the positions of each chain."""
     first, found = 0, []
     for signal in plant.x:
         if signal.name.split(" ")[0] == "position":

@@ -108,7 +108,6 @@ def _corrected(result: Result) -> Iterator[str]:
 
 
 def _share() -> float:
-    """Share of the sheet for a panel of `film`."""
     return 0.85 if narrow() else 0.42
 
 

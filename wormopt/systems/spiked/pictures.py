@@ -99,7 +99,6 @@ def _tell_knee(drawn: Figure, result: Result) -> Figure:
 
 
 def _cycle(result: Result) -> list[str]:
-    """Speed, advance and period."""
     return [fact(result, "speed", "mean speed"), fact(result, "advance"), fact(result, "period")]
 
 

@@ -157,8 +157,6 @@ def planar_chain(
 
 @dataclass(frozen=True)
 class _Units:
-    """Usual sizes of a chain."""
-
     length: float
     time: float
     mass: float
@@ -279,7 +277,6 @@ class _Chain:
         ]
 
     def _energies(self) -> list[Output]:
-        """Return outputs of energies and centre of mass."""
         kinetic = self.inertia.kinetic(self.v)
         stored = ca.dot(self._springs.stiffness, self._stretch**2) / 2
         return [
@@ -290,7 +287,6 @@ class _Chain:
         ]
 
     def _powers(self, grounded: ca.SX) -> list[Output]:
-        """Return outputs of the powers on the worm."""
         rate, turning = ca.vertsplit(self.geometry.rates, [0, self._links, 2 * self._links - 1])
         powers = {
             "power": ca.vertcat(self.u * rate, self.w * turning),

@@ -251,7 +251,6 @@ def limits_of(task: GaitProblem) -> Iterator[Limit]:
 def _replaced(
     task: GaitProblem, part: str, key: str, rebuilt: Callable[[float], Any], number: float
 ) -> GaitProblem:
-    """The task with another number in one field."""
     moved = structs.replace(getattr(task, part), **{key: rebuilt(number)})
     return structs.replace(task, **{part: moved})
 

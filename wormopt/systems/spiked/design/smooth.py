@@ -206,7 +206,6 @@ def _program(task: GaitProblem, mesh: Mesh) -> Transcription:
 
 
 def _bounds(program: Transcription, sequence: Sequence_) -> Bounds:
-    """Bounds of a program for one order of rest."""
     masses = len(program.problem.model.contacts)
     return program.bounds(ModeSequence.of_resting(sequence, masses))
 
