@@ -418,7 +418,7 @@ class Linear(Study, kind="linear"):
 
     @scalar(
         "count",
-        "the same, with a bound on the effect of dry friction; sufficient for every friction "
+        "`gain_linear` with a bound on the effect of dry friction; sufficient for every friction "
         "force over time, not necessary; unknown above `gains.most`, or if friction has no "
         "bound",
     )

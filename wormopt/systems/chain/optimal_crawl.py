@@ -151,11 +151,12 @@ class Convergence:
         "speed", "objective at the least smoothing width (convergence)"
     )
     objective_smoothed_error_bar: float = value(
-        "speed", "estimated error of the same, without the exact answer (convergence)"
+        "speed", "estimated error of `objective_smoothed`, without the exact answer (convergence)"
     )
     objective_complementarity: float = value("speed", "objective on the finest grid (convergence)")
     objective_complementarity_error_bar: float = value(
-        "speed", "estimated error of the same, without the exact answer (convergence)"
+        "speed",
+        "estimated error of `objective_complementarity`, without the exact answer (convergence)",
     )
     same_modes: bool = value(
         "1", "whether both show the contact modes of the exact crawl (convergence)"

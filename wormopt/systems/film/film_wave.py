@@ -141,7 +141,7 @@ class Aim(Given):
         if (self.maximise is None) == (self.minimise is None):
             yield (
                 "",
-                'nothing is sought, or two things are; write maximise = "mean_flow", maximise = '
+                'no objective or two are given; write maximise = "mean_flow", maximise = '
                 '"float_speed" or minimise = "field"',
             )
         elif self.minimise and self.mean_flow is None and not self.capture:

@@ -448,7 +448,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
     def shrinkage(self) -> float:
         return self.plan.shrinks(self.plan.rivals[0].known)
 
-    @scalar("1", "the same factor relative to the median random experiment")
+    @scalar("1", "`shrinkage` relative to the median random experiment")
     def shrinkage_median(self) -> float:
         rivals = self.plan.rivals
         return self.plan.shrinks(rivals[len(rivals) // 2].known)
@@ -477,7 +477,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
     def prediction_error(self) -> float:
         return float(np.exp(self.plan.value))
 
-    @scalar("1", "the same after the best random experiment", when="prediction")
+    @scalar("1", "`prediction_error` after the best random experiment", when="prediction")
     def prediction_error_random(self) -> float:
         return float(np.exp(self.plan.rivals[0].value))
 

@@ -309,9 +309,13 @@ class AveragedNumbers:
     velocity_steady: float = value(
         "speed", "steady *V* to which the motion converges, in first order", headline=True
     )
-    velocity_steady_second: float | None = value("speed", "the same in second order", headline=True)
+    velocity_steady_second: float | None = value(
+        "speed", "`velocity_steady` in second order", headline=True
+    )
     velocity_closed_form: float | None = value(
-        "speed", "the same for dry friction and one harmonic; unknown for others", headline=True
+        "speed",
+        "steady *V* in closed form, for dry friction and one harmonic; else unknown",
+        headline=True,
     )
     stable: int = value("count", "whether small deviations decay")
     settling_time: float | None = value("time", "time constant of their decay")

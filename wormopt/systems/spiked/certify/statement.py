@@ -45,6 +45,7 @@ class Statement:
 
     @classmethod
     def of(cls, task: GaitProblem) -> Statement:
+        """Make the statement of a task whose accelerations are limited."""
         worm, limits, n = task.worm, task.limits, task.worm.links
         assert limits.acceleration is not None
         rates = limits.rate_limits(n)
