@@ -140,7 +140,7 @@ def relative(state: np.ndarray) -> np.ndarray:
 
 
 def from_origin(state: np.ndarray) -> np.ndarray:
-    """The same state (4,) with mass 0 at 0."""
+    """The state (4,) shifted so that mass 0 is at 0."""
     return np.concatenate([state[:2] - state[0], state[2:]])
 
 

@@ -460,7 +460,7 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
 
     @property
     def second_order(self) -> float | None:
-        """The same velocity in second order."""
+        """Steady velocity to which the motion converges, in second order."""
         second = self.averages.second[self.chosen]
         return second and second.velocity
 

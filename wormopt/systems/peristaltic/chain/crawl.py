@@ -62,7 +62,7 @@ class SecondRoute:
 
     step: float  # the longer step; the shorter one is a quarter of it
     coarse: float  # largest difference of a position by the longer step, over the longest path
-    fine: float  # the same by the shorter step: a quarter, at first order
+    fine: float  # error by the shorter step: a quarter, at first order
 
 
 def second_route(

@@ -79,7 +79,7 @@ def _on_a_line(body: LeastPower) -> tuple[np.ndarray, ...]:
 
 
 def _across(body: LeastPower) -> tuple[np.ndarray, ...]:
-    """Return the same for two directions: one mass rests and the others turn about it, or none."""
+    """Return these for two directions: one mass rests and the others turn about it, or none."""
     G, m = body.b.shape[:2]
     z, value = pivots(body)
     i, every = value.argmin(axis=1), np.arange(G)

@@ -96,7 +96,7 @@ class Crawler:
         return self._motion(bodies, least), open_instants(bodies.body, least)
 
     def follow(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
-        """Return the same from guesses (G, m) of the resting masses and (G, 3) of the twist."""
+        """Return motions from guesses (G, m) of the resting masses and (G, 3) of the twist."""
         bodies = self.bodies(s, ds)
         return self._motion(bodies, near(bodies.body, bodies.scaled(twist), rest))
 

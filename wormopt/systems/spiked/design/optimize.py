@@ -30,7 +30,7 @@ _SAME = 1e-12
 # Settings of the climbs by which gaits of whole ticks are compared.
 _HELD, _HELD_STEPS = 1e-9, 40
 # Gaits slower than this share of the rates do not advance.
-_STANDS = 1e-9
+_STANDSTILL = 1e-9
 # Number of sequences tried; most have the same limits in conflict.
 _MOST = 8
 # Smallest and largest relative relaxation of a limit, and the precision of the result.
@@ -130,7 +130,7 @@ def designed(
     stands = (
         task.objective.minimise is None
         and survey.trials
-        and (survey.trials[0].value < _STANDS * task.speed_nominal)
+        and (survey.trials[0].value < _STANDSTILL * task.speed_nominal)
     )
     if stands or not survey.trials:
         raise _nothing(task, settings, survey, report)
@@ -255,7 +255,7 @@ def _conflict(
             helped, low, high = (still, low, share) if still else (helped, share, high)
         return high
 
-    keys = [key for key in _WAYS if _relaxed(task, {key: _FULL}) != task]
+    keys = [key for key in _RELAXATIONS if _relaxed(task, {key: _FULL}) != task]
     alone = {key: share for key in keys if np.isfinite(share := least([key], {}))}
     if alone:
         found, word = dict(sorted(alone.items(), key=lambda item: item[1])), " or "
@@ -292,7 +292,7 @@ def _exists(task: GaitProblem, order: Sequence_, until: float) -> bool:
     trial = trier.free(order)
     if trial is None or (trial := trier.fit(trial)) is None:
         return False
-    return task.objective.speed is not None or trial.value > _STANDS * task.speed_nominal
+    return task.objective.speed is not None or trial.value > _STANDSTILL * task.speed_nominal
 
 
 def _relaxed(task: GaitProblem, shares: Mapping[str, float]) -> GaitProblem:
@@ -301,7 +301,7 @@ def _relaxed(task: GaitProblem, shares: Mapping[str, float]) -> GaitProblem:
         part, _, name = key.partition(".")
         value = getattr(getattr(task, part), name)
         if value is not None:
-            changed = {name: _WAYS[key](value, 1.0 + share)}
+            changed = {name: _RELAXATIONS[key](value, 1.0 + share)}
             task = structs.replace(task, **{part: structs.replace(getattr(task, part), **changed)})
     return task
 
@@ -318,8 +318,8 @@ def _change(task: GaitProblem, key: str, share: float) -> str:
     part, _, name = key.partition(".")
     old, new = (getattr(getattr(t, part), name) for t in (task, _relaxed(task, {key: share})))
     if isinstance(old, int | float) and isinstance(new, int | float):
-        way = "larger" if new > old else "smaller"
-        return f"{task.key_of(key)} {way} by {enough(abs(new - old), 3):g}"
+        change = "larger" if new > old else "smaller"
+        return f"{task.key_of(key)} {change} by {enough(abs(new - old), 3):g}"
     return f"{task.key_of(key)} wider by {enough(100 * share, 3):g} %"
 
 
@@ -343,7 +343,7 @@ def _longer(value: Any, factor: float) -> Any:
     return low, high * factor
 
 
-_WAYS: dict[str, Callable[[Any, float], Any]] = {
+_RELAXATIONS: dict[str, Callable[[Any, float], Any]] = {
     "limits.spike_load": _raised,
     "limits.actuator_force": _raised,
     "limits.sigma_margin": lambda value, factor: value / factor,

@@ -596,14 +596,14 @@ def _niches(race: Race, width: int) -> list[tuple[int, _Parent]]:
             parent = _parent(trial)
             found.setdefault(race.canonical(parent[0]), parent)
     seen = set[tuple]()
-    ways = defaultdict[int, tuple[list[_Parent], list[_Parent]]](lambda: ([], []))
+    directions = defaultdict[int, tuple[list[_Parent], list[_Parent]]](lambda: ([], []))
     for word, parent in found.items():
-        way = travel(word, masses)
-        way = abs(way) if race.mirror else way
-        niche = way, minimal(word), len(word), parent[2]
-        ways[way][niche in seen].append(parent)
+        direction = travel(word, masses)
+        direction = abs(direction) if race.mirror else direction
+        niche = direction, minimal(word), len(word), parent[2]
+        directions[direction][niche in seen].append(parent)
         seen.add(niche)
-    ranked = (each for best, others in ways.values() for each in enumerate((*best, *others)))
+    ranked = (each for best, others in directions.values() for each in enumerate((*best, *others)))
     return sorted(ranked, key=lambda each: each[0])[: width + (width + 1) // 2]
 
 
