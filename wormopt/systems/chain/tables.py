@@ -23,8 +23,8 @@ from wormopt.study.types import (
 from wormopt.systems.shared.incline import (
     Gravity,
     Inclined,
+    facts_of_slope,
     faults_of_slope,
-    told_of_slope,
     weights,
 )
 from wormopt.systems.spiked import Shape
@@ -214,7 +214,7 @@ class ChainTable(Given):
     @property
     def facts(self) -> dict[str, Any]:
         """Facts on the weight along the slope."""
-        return told_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
+        return facts_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
 
     def faults(self, horizon: float, units: str) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table.

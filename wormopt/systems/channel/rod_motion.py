@@ -180,7 +180,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
     # -- the rod and its coils ---------------------------------------------------------------------
 
     def varied(self, **tables: dict[str, Any]) -> RodMotion:
-        """Return the same with new values by key, for each table named; they are not checked."""
+        """Return the study with new values by key in the tables named; values are not checked."""
         changed = {
             name: structs.replace(getattr(self, name), **numbers)
             for name, numbers in tables.items()

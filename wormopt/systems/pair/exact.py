@@ -157,7 +157,7 @@ def pair_parts(
 ) -> PairParts:
     """Make the symbols that all forms of the pair share, from arguments of `magnetic_pair`.
 
-    Raises ArgumentError as it does.
+    Raises ArgumentError like `magnetic_pair`.
     """
     t = ca.SX.sym("t")
     positive = [

@@ -41,9 +41,9 @@ with on_use():
     from wormopt.systems.pair.exact import magnetic_pair, scaled_law
     from wormopt.systems.shared.proof import CrossCheck, cross_check
 
-# Distance of the average of first order from its steady state from which it has not converged.
+# Largest distance of a converged first-order average from its steady state.
 _CONVERGED = 1e-9
-_ROUNDING = 1e-9  # velocity over the amplitude of the stretch up to which it is nothing else
+_ROUNDING = 1e-9  # largest rounding of a velocity, over the amplitude of the stretch
 # A motion whose consecutive mean velocities differ by a larger share has not converged.
 _DRIFT = 1e-6
 # Decay times of a deviation, longest time in 1 / eps, steps of the average.
@@ -199,7 +199,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """What all simulations have in common."""
+        """Settings of all simulations."""
         return {"p": {"frequency": self.nu}, "tolerance": self.tolerance.options}
 
     @property

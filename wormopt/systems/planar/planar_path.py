@@ -254,9 +254,7 @@ class Simulated:
     """Where the simulation ends, and how near it comes to obstacles."""
 
     apart: float  # from the end of the plan
-    room_simulated: float = value(
-        "length", "the same from points along the links in the simulation"
-    )
+    room_simulated: float = value("length", "`room` by points along the links in the simulation")
     off_place: float = value("length", "distance of the simulated end from the goal", headline=True)
     off_angle: float = value("angle", "angle of the simulated end less the angle of the goal")
 

@@ -21,7 +21,7 @@ from wormopt.study.types import (
     PerMass,
     Seed,
 )
-from wormopt.systems.shared.incline import Gravity, Uphill, faults_of_slope, told_of_slope, weights
+from wormopt.systems.shared.incline import Gravity, Uphill, facts_of_slope, faults_of_slope, weights
 from wormopt.systems.spiked.limits import MOST_LINKS, Limits
 
 Cost = Literal[
@@ -94,7 +94,7 @@ class Worm(Given, kw_only=False):
     @property
     def facts(self) -> dict[str, Any]:
         """Effect of the weight on a slope, for the trust report."""
-        return told_of_slope(self.slope, self.gravity, self.masses)
+        return facts_of_slope(self.slope, self.gravity, self.masses)
 
     @property
     def load_range(self) -> tuple[float, float]:
