@@ -2,7 +2,8 @@
 
 CasADi 3.8 writes code and description of the model. What is mended: its wrapper does not look
 again when time alone is set, takes time for 0 in derivatives, and every state's usual size for 1;
-the description lacks units and dependence on time. `tests/exports/test_exports.py` looks at each.
+the description lacks units and dependence on time. `tests/exports/test_exported_programs.py` looks
+at each.
 """
 
 from __future__ import annotations
