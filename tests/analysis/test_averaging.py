@@ -1,4 +1,4 @@
-"""`average`: closed forms, brute-force quadrature, textbook problems, refusals."""
+"""`average`: closed forms, brute-force quadrature, derivatives, the change of variables."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,7 +9,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-import sympy as sp
+from averaged_models import (
+    COULOMB,
+    EPS,
+    OMEGA,
+    block,
+    differences,
+    rates_of,
+    slopes_of,
+    smooth,
+    steps,
+)
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,12 +30,9 @@ from wormopt.analysis.average import average
 from wormopt.analysis.crossings import _turned
 from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError
-from wormopt.model.delay import Delay
-from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
+from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
 from wormopt.model.gait import Gait
-from wormopt.model.model import Contact, Model, Output, Signal, Switch, pack
-from wormopt.model.planar_friction import Elliptic
-from wormopt.model.schedule import Schedule
+from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.model.values import signal_values
 from wormopt.simulation.call import Call
 from wormopt.simulation.simulate import simulate
@@ -34,23 +41,15 @@ from wormopt.systems.pair.exact import magnetic_pair
 from wormopt.systems.pair.slow import from_slow, slow_pair, to_slow
 from wormopt.systems.swinging.prescribed import harmonic_masses
 
-EPS, OMEGA = 0.01, math.sqrt(2)
 NU = OMEGA + 0.5 * EPS
-COULOMB = Coulomb(0.5 * EPS, 1.0 * EPS)
+
 STRIBECK = Stribeck(
     0.4 * EPS, 0.7 * EPS, stick_forward=0.9 * EPS, stick_backward=1.5 * EPS, v_stribeck=0.3
 )
+
 WIDE = Stribeck(0.004, 0.007, stick_forward=0.009, stick_backward=0.015, v_stribeck=2.0)
+
 VISCOUS = Viscous(0.3 * EPS)
-
-
-def rates_of(model: Model, **p: Any) -> Callable[[Sequence[float]], np.ndarray]:
-    """Right-hand side of an averaged model as a function of its states."""
-    assert not model.contacts
-    assert not model.schedules
-    function = ca.Function("rates", [pack(model.x), pack(model.p)], [model.ode])
-    values = signal_values(model.p, p, "parameter")
-    return lambda x: np.array(function(x, values)).ravel()
 
 
 # -- the second route: no symbolic crossings, no fixed nodes --------------------------------------
@@ -79,13 +78,11 @@ class Brute:
         return self._velocity(t, x, self._scheduled(t), self._p)[0].copy()
 
     def rate(self, x: np.ndarray, t: float, signs: np.ndarray) -> np.ndarray:
-        slips = np.array(
-            [
-                float(law.slip_force(v, 1 if sign > 0 else -1))
-                for law, v, sign in zip(self.laws, self.velocities(x, t), signs, strict=True)
-            ]
-        )
-        return self._ode(t, x, self._scheduled(t), self._p, slips)[0].copy()
+        slips = [
+            float(law.slip_force(v, 1 if sign > 0 else -1))
+            for law, v, sign in zip(self.laws, self.velocities(x, t), signs, strict=True)
+        ]
+        return self._ode(t, x, self._scheduled(t), self._p, np.array(slips))[0].copy()
 
     def pieces(
         self, state: Callable[[float], np.ndarray], also: Sequence[float] = ()
@@ -307,13 +304,6 @@ def test_a_period_may_be_several_of_the_schedules(turns: int):
     assert several(x) == pytest.approx(once, rel=0, abs=1e-13 * EPS)
 
 
-def steps(break_at: float, span: float) -> Schedule:
-    """1, then -1."""
-    c, begin = ca.SX.sym("c"), ca.SX.sym("begin")
-    breaks, values = np.array([0.0, break_at, span]), np.array([[1.0], [-1.0]])
-    return Schedule("push", c, begin, breaks, values, periodic=True)
-
-
 @pytest.mark.parametrize("turns", [1, 7, 60])
 def test_steps_are_averaged_by_how_long_they_last(turns: int):
     """As often as they may repeat in a period, and where some step together but for round-off."""
@@ -504,222 +494,7 @@ def test_places_of_reversals_lie_within_one_period(place: float):
     assert (turned - place) == pytest.approx(round(turned - place), abs=1e-15)
 
 
-# -- smooth problems of textbooks -----------------------------------------------------------------
-
-
-def smooth(ode: Callable[..., Any], names: str, eps: float = EPS) -> Model:
-    """A model without contacts, x' = eps f(x, t)."""
-    t, *x = (ca.SX.sym(name) for name in ("t", *names.split()))
-    rates = ca.vertcat(*ode(*x, t, ca))
-    return Model("smooth", x=[Signal(str(s), s) for s in x], ode=eps * rates, t=t)
-
-
-class Turning:
-    """Cosines and sines as polynomials in w = exp(i t) and 1/w."""
-
-    w = sp.Symbol("w")
-
-    def cos(self, order: Any) -> Any:
-        return (self.w**order + self.w**-order) / 2
-
-    def sin(self, order: Any) -> Any:
-        return (self.w**order - self.w**-order) / (2 * sp.I)
-
-
-def powers(expression: Any) -> dict[int, Any]:
-    """Coefficients of the powers of w."""
-    found: dict[int, Any] = {}
-    for term in sp.Add.make_args(sp.expand(expression)):
-        rest, power = term.as_independent(Turning.w)
-        n = 0 if power == 1 else int(power.as_base_exp()[1])
-        found[n] = found.get(n, 0) + rest
-    return found
-
-
-def by_sympy(ode: Callable[..., Any], names: str) -> tuple[Any, Any, tuple[Any, ...]]:
-    """Mean of f, and mean of (df/dx) u with u the integral of f less its mean, without mean."""
-    x = sp.symbols(f"{names},", real=True)
-    f = sp.Matrix(ode(*x, 1, Turning()))
-    swings = [powers(rate) for rate in f]
-    u = sp.Matrix(
-        [sum(c / (sp.I * n) * Turning.w**n for n, c in own.items() if n) for own in swings]
-    )
-    first = sp.Matrix([own.get(0, 0) for own in swings])
-    second = sp.Matrix([powers(rate).get(0, 0) for rate in f.jacobian(x) * u])
-    return first, second, x
-
-
-def numbers_of(expression: Any, values: dict[Any, float]) -> np.ndarray:
-    found = [complex(entry.subs(values).evalf(20)) for entry in expression]
-    assert max(abs(number.imag) for number in found) < 1e-15
-    return np.array([number.real for number in found])
-
-
-def growing(x: Any, t: Any, m: Any) -> list[Any]:
-    return [x * m.sin(t) + m.cos(t) + x**2 * m.sin(2 * t) - x / 3]
-
-
-def van_der_pol(p: Any, q: Any, t: Any, m: Any) -> list[Any]:
-    """z'' + z = eps (1 - z^2) z' with z = p cos(t) + q sin(t)."""
-    z, rate = p * m.cos(t) + q * m.sin(t), q * m.cos(t) - p * m.sin(t)
-    force = (1 - z**2) * rate
-    return [-force * m.sin(t), force * m.cos(t)]
-
-
-def spun(p: Any, q: Any, t: Any, m: Any) -> list[Any]:
-    return [p * q * m.cos(t) + m.sin(t) ** 2 * q, p**2 * m.sin(t) - q * m.cos(t) + m.cos(3 * t)]
-
-
-@pytest.mark.parametrize(
-    ("ode", "names"), [(growing, "x"), (van_der_pol, "p q"), (spun, "p q")],
-    ids=["growing", "van der Pol", "spun"],
-)  # fmt: skip
-def test_smooth_problems_against_symbolic_averages(ode: Any, names: str):
-    first, second, symbols = by_sympy(ode, names.replace(" ", ","))
-    model = smooth(ode, names)
-    one, two = (rates_of(average(model, 2 * np.pi, order=order)) for order in (1, 2))
-    random = np.random.default_rng(8)
-    for x in random.uniform(-2, 2, (5, len(symbols))):
-        values = dict(zip(symbols, x, strict=True))
-        f1, f2 = (numbers_of(expression, values) for expression in (first, second))
-        assert one(x) == pytest.approx(EPS * f1, rel=0, abs=1e-14)
-        assert two(x) - one(x) == pytest.approx(EPS**2 * f2, rel=0, abs=1e-15)
-        assert np.abs(f2).max() > 1e-3
-
-
-def test_the_limit_cycle_of_van_der_pol_is_slower_by_a_sixteenth():
-    # Lindstedt: amplitude 2, frequency 1 - eps^2 / 16
-    two = rates_of(average(smooth(van_der_pol, "p q"), 2 * np.pi, order=2))
-    for phase in (0.0, 1.0):
-        p, q = 2 * np.cos(phase), 2 * np.sin(phase)
-        rate = two([p, q])
-        assert (p * rate[1] - q * rate[0]) / 4 == pytest.approx(EPS**2 / 16, rel=1e-10)
-        assert (p * rate[0] + q * rate[1]) / 4 == pytest.approx(0.0, abs=1e-16)
-
-
-def test_the_second_tongue_of_mathieu_has_its_known_edges():
-    # z'' + (1 + d + eps cos t) z = 0 is at its limits of stability for d = 5 eps^2/12, -eps^2/12
-    eps = 1e-3
-    for edge, row in ((5 / 12, 0), (-1 / 12, 1)):
-
-        def mathieu(p: Any, q: Any, t: Any, m: Any, edge: float = edge) -> list[Any]:
-            z = p * m.cos(t) + q * m.sin(t)
-            force = -(edge * eps + m.cos(t)) * z
-            return [-force * m.sin(t), force * m.cos(t)]
-
-        averages = average(smooth(mathieu, "p q", eps), 2 * np.pi, order=2)
-        slopes = ca.Function("A", [pack(averages.x)], [ca.jacobian(averages.ode, pack(averages.x))])
-        matrix = np.array(slopes([0.3, 0.4]))
-        # the other entry stays, of the size of the width of the tongue: half of 5/12 + 1/12
-        still, other = sorted(np.abs([matrix[0, 1], matrix[1, 0]]))
-        assert still < 2 * eps**3
-        assert other == pytest.approx(eps**2 / 4, rel=5e-3)
-        assert np.abs([matrix[0, 0], matrix[1, 1]]).max() < 1e-16
-        assert np.abs(matrix[row, 1 - row]) in (pytest.approx(still), pytest.approx(other))
-
-
-# -- a block with dry friction, by hand -----------------------------------------------------------
-
-
-def pushed_block(push: float) -> Model:
-    t, v, f = (ca.SX.sym(n) for n in ("t", "v", "f"))
-    ground = Contact("block", v + ca.cos(t), f, COULOMB)
-    return Model("block", x=[Signal("v", v)], ode=f + push * ca.sin(t), t=t, contacts=[ground])
-
-
-def block_by_sympy() -> tuple[Any, Any, tuple[Any, ...]]:
-    """Mean friction on shifted pieces, differentiated by the shift."""
-    t, V, F, B, g, d = sp.symbols("t V F B g d", real=True)
-    turn = sp.acos(-V)  # forward for |t| < turn
-    first = (-F * turn + B * (sp.pi - turn)) / sp.pi
-    ahead, behind = -F - first, B - first  # rates of u
-    # u from t = -turn on, over both pieces, and then without its mean
-    begin = sp.Symbol("u0")
-    on = begin + ahead * (t + turn) + g * (sp.cos(turn) - sp.cos(t))
-    at = on.subs(t, turn)
-    off = at + behind * (t - turn) + g * (sp.cos(turn) - sp.cos(t))
-    area = sp.integrate(on, (t, -turn, turn)) + sp.integrate(off, (t, turn, 2 * sp.pi - turn))
-    begin_value = sp.solve(sp.Eq(area, 0), begin)[0]
-    # v + d u + cos(t) = 0 at turn + d s: u - sin(turn) s = 0, and at -turn: u + sin(turn) s = 0
-    late = at.subs(begin, begin_value) / sp.sin(turn)
-    early = -begin_value / sp.sin(turn)
-    forward = (turn + d * late) - (-turn + d * early)
-    mean = (-F * forward + B * (2 * sp.pi - forward)) / (2 * sp.pi)
-    return first, sp.diff(mean, d), (V, F, B, g)
-
-
-def test_the_pushed_block_against_shifted_pieces():
-    first, second, symbols = block_by_sympy()
-    push = 0.8 * EPS
-    model = pushed_block(push)
-    one, two = (rates_of(average(model, 2 * np.pi, order=order)) for order in (1, 2))
-    for V in (-0.9, -0.3, 0.0, 0.25, 0.7):
-        values = dict(zip(symbols, (V, 0.5 * EPS, EPS, push), strict=True))
-        assert one([V])[0] == pytest.approx(float(first.subs(values)), abs=1e-16)
-        expected = float(second.subs(values))
-        assert two([V])[0] - one([V])[0] == pytest.approx(expected, abs=1e-17)
-        # what is left when all is said: the push shifts both reversals alike
-        short = -1.5 * EPS * push * V / (np.pi * np.sqrt(1 - V**2))
-        assert expected == pytest.approx(short, abs=1e-17)
-
-
-def zero_of(function: Callable[[float], float]) -> float:
-    return root_scalar(function, bracket=(0.2, 0.8), xtol=1e-300, rtol=1e-14).root
-
-
-def orders(errors: Sequence[float], sizes: Sequence[float]) -> np.ndarray:
-    return np.diff(np.log(errors)) / np.diff(np.log(sizes))
-
-
-def test_errors_of_the_pushed_block_have_the_orders_promised():
-    # periodic motion of the block itself: reversals by root search, nothing integrated numerically
-    sizes, errors = (0.08, 0.04, 0.02, 0.01), {1: [], 2: []}
-    for eps in sizes:
-        law, push = Coulomb(0.5 * eps, eps), 0.8 * eps
-        t, v, f = (ca.SX.sym(n) for n in ("t", "v", "f"))
-        x = ca.SX.sym("x")
-        moving = Model(
-            "block",
-            x=[Signal("x", x, value=0.0), Signal("v", v)],
-            ode=ca.vertcat(v, f + push * ca.sin(t)),
-            t=t,
-            contacts=[Contact("block", v + ca.cos(t), f, law)],
-        )
-        slow = Model("block", x=[moving.x[1]], ode=moving.ode[1], t=t, contacts=moving.contacts)
-
-        def over_a_period(V: float, moving: Model = moving) -> np.ndarray:
-            return simulate(moving, 2 * np.pi, x0={"v": V}).end
-
-        start = zero_of(lambda V: over_a_period(V)[1] - V)
-        exact = over_a_period(start)[0] / (2 * np.pi)
-        for order in (1, 2):
-            rate = rates_of(average(slow, 2 * np.pi, order=order))
-            steady = zero_of(lambda V, rate=rate: rate([V])[0])
-            errors[order].append(abs(exact - steady))
-    assert orders(errors[1], sizes) == pytest.approx(1.0, abs=0.15)
-    assert orders(errors[2], sizes) == pytest.approx(2.0, abs=0.25)
-    assert errors[1][-1] < 0.5 * sizes[-1]
-    assert errors[2][-1] < 1.0 * sizes[-1] ** 2
-
-
 # -- derivatives ----------------------------------------------------------------------------------
-
-
-def slopes_of(model: Model) -> Callable[[Sequence[float]], np.ndarray]:
-    x = pack(model.x)
-    function = ca.Function("slopes", [x, pack(model.p)], [ca.jacobian(model.ode, x)])
-    values = signal_values(model.p, None, "parameter")
-    return lambda state: np.array(function(state, values))
-
-
-def differences(rates: Callable[[Any], np.ndarray], x: np.ndarray, h: float = 1e-4) -> np.ndarray:
-    """Derivatives by central differences of fourth order."""
-    columns = []
-    for k in range(len(x)):
-        e = np.eye(len(x))[k] * h
-        near, far = rates(x + e) - rates(x - e), rates(x + 2 * e) - rates(x - 2 * e)
-        columns.append((8 * near - far) / (12 * h))
-    return np.array(columns).T
 
 
 @pytest.mark.parametrize("laws", [COULOMB, STRIBECK, [VISCOUS, COULOMB]],
@@ -751,209 +526,6 @@ def test_derivatives_with_several_harmonics(v: float):
     model = average(shaped(WIDE, *SHAPES[1]), 2 * np.pi)
     expected = differences(rates_of(model), np.array([v]))
     assert slopes_of(model)([v]) == pytest.approx(expected, rel=0, abs=1e-8 * EPS)
-
-
-# -- refusals -------------------------------------------------------------------------------------
-
-
-def block(law: Law = COULOMB, velocity: Any = None, ode: Any = None, **more: Any) -> Model:
-    t, v, f = (ca.SX.sym(n) for n in ("t", "v", "f"))
-    speed = v + ca.cos(t) if velocity is None else velocity(v, t)
-    rate = f if ode is None else ode(v, t, f)
-    contacts = [Contact("block", speed, f, law)]
-    return Model("a block", x=[Signal("v", v)], ode=rate, t=t, contacts=contacts, **more)
-
-
-def switching() -> Model:
-    return block(switches=[Switch("flip", ca.SX(-1.0), ca.SX.zeros(1))])
-
-
-def with_z() -> Model:
-    z = ca.SX.sym("z")
-    return block(z=[Signal("z", z)], alg=z - 1)
-
-
-def scheduled(velocity: bool, periodic: bool = True, span: float = 2 * np.pi) -> Model:
-    push = replace(steps(0.4 * span, span), periodic=periodic)
-    c = push.symbol
-    if velocity:
-        return block(velocity=lambda v, t: v + c * ca.cos(t), schedules=[push])
-    return block(ode=lambda v, t, f: f + EPS * c, schedules=[push])
-
-
-def scheduled_over(T: ca.SX) -> Model:
-    """A schedule, and a parameter for the period besides."""
-    model = scheduled(False)
-    return replace(model, p=[*model.p, Signal("T", T, value=2 * np.pi)])
-
-
-def of_two_factors() -> Model:
-    """The mix of two harmonics is a state."""
-    t, f = ca.SX.sym("t"), ca.SX.sym("f")
-    v = ca.SX.sym("v", 2)
-    speed = v[0] + ca.cos(t) + v[1] * ca.sin(2 * t)
-    contacts = [Contact("block", speed, f, COULOMB)]
-    return Model("a block", x=[Signal("v", v)], ode=ca.vertcat(f, f), t=t, contacts=contacts)
-
-
-def of_a_hidden_harmonic() -> Model:
-    """A parameter that is 0 now, and a second harmonic if it is not."""
-    a = ca.SX.sym("a")
-    return block(
-        velocity=lambda v, t: v + ca.cos(t) + a * ca.cos(2 * t), p=[Signal("a", a, value=0.0)]
-    )
-
-
-def lagging() -> Model:
-    """x' = -x(t - 1)."""
-    x, past = ca.SX.sym("x"), ca.SX.sym("past")
-    return Model("lagging", [Signal("x", x)], -past, delays=[Delay("past", past, x, 1.0)])
-
-
-def in_the_plane() -> Model:
-    """A block on ground that resists in all directions."""
-    t, v, f = ca.SX.sym("t"), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
-    grounds = [Contact("block", v + ca.cos(t), f, Elliptic(1.0, 1.0, 1.0))]
-    return Model("a block", [Signal("v", v)], f, t=t, contacts=grounds)
-
-
-MODEL_OF_A_STATE, SYMBOL = block(), ca.SX.sym("T")
-REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
-    "no model": (lambda: "block", 2 * np.pi, "must be a Model, not str"),
-    "spikes": (lambda: block(Spike()), 2 * np.pi, "block cannot slide both ways"),
-    "contacts in the plane": (in_the_plane, 2 * np.pi, "block moves in the plane"),
-    "delays": (lagging, 2 * np.pi, "delay"),
-    "switches": (switching, 2 * np.pi, "a block has switches"),
-    "algebraic": (with_z, 2 * np.pi, "algebraic variables"),
-    "secular": (
-        lambda: block(ode=lambda v, t, f: f + t), 2 * np.pi, "does not repeat after the period"
-    ),
-    "begins to repeat": (
-        lambda: block(ode=lambda v, t, f: f + ca.fmax(t - 7.5, 0)), 2 * np.pi, "does not repeat"
-    ),
-    "wrong period": (block, 6.0, "does not repeat after the period"),
-    "half a period": (block, np.pi, "does not repeat after the period"),
-    "velocity from a schedule": (
-        lambda: scheduled(True), 2 * np.pi, "the velocity of block follows a schedule"
-    ),
-    "schedule that ends": (lambda: scheduled(False, False), 2 * np.pi, "does not repeat"),
-    "schedule of another period": (
-        lambda: scheduled(False, True, 5.0), 2 * np.pi, "push does not repeat with the period"
-    ),
-    "none of a schedule's periods": (
-        lambda: scheduled(False), 1e-12, "push does not repeat with the period"
-    ),
-    "period of a parameter beside a schedule": (
-        lambda: scheduled_over(SYMBOL), SYMBOL, "push does not repeat with the period"
-    ),
-    "shape of states": (of_two_factors, 2 * np.pi, "ratios depend on the states"),
-    "shape of parameters": (of_a_hidden_harmonic, 2 * np.pi, "ratios depend on the states"),
-    "no swing": (lambda: block(velocity=lambda v, t: v), 2 * np.pi, "block does not swing"),
-    "no velocity": (
-        lambda: block(velocity=lambda v, t: ca.SX(0)), 2 * np.pi, "block does not swing"
-    ),
-    "corners": (
-        lambda: block(velocity=lambda v, t: v + ca.fabs(ca.sin(t))), 2 * np.pi, "at most 31"
-    ),
-    "harmonics above 31": (
-        lambda: block(velocity=lambda v, t: v + ca.cos(32 * t)), 2 * np.pi, "at most 31"
-    ),
-    "harmonics that pass for lower ones": (
-        lambda: block(velocity=lambda v, t: v + ca.cos(33 * t)), 2 * np.pi, "at most 31"
-    ),
-    "harmonics that pass for a mean": (
-        lambda: block(velocity=lambda v, t: v + ca.cos(64 * t)), 2 * np.pi, "at most 31"
-    ),
-    "harmonics that pass for one there is": (
-        lambda: block(velocity=lambda v, t: v + ca.cos(t) + ca.cos(65 * t) / 2), 2 * np.pi,
-        "at most 31",
-    ),
-    "zero": (block, 0.0, "period must be a positive number"),
-    "no single number": (block, ca.SX.sym("T", 2), "period must be a positive number"),
-    "period of a state": (
-        lambda: MODEL_OF_A_STATE, 2 * np.pi / MODEL_OF_A_STATE.x[0].symbol, "expression of param"
-    ),
-    "no number": (block, "long", "period must be a positive number"),
-    "negative": (block, -2 * np.pi, "period must be a positive number"),
-    "infinite": (block, math.inf, "period must be a positive number"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_has_no_average_is_refused(case: str):
-    make, period, message = REFUSED[case]
-    with pytest.raises(ArgumentError, match=message):
-        average(make(), period)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [({"order": 3}, "order must be 1 or 2, not 3"), ({"order": "1"}, "order must be"),
-     ({"nodes": 0}, "nodes must be"), ({"nodes": 2.5}, "nodes must be"),
-     ({"nodes": True}, "nodes must be")],
-)  # fmt: skip
-def test_options_that_cannot_be_are_refused(options: Any, message: str):
-    with pytest.raises(ArgumentError, match=message):
-        average(block(), 2 * np.pi, **options)
-
-
-def test_thirty_one_harmonics_are_allowed():
-    """cos(31 t) > -1/2 for two thirds of the time."""
-    model = block(Coulomb(0.0, EPS), velocity=lambda v, t: v + ca.cos(31 * t))
-    assert rates_of(average(model, 2 * np.pi))([0.5]) == pytest.approx(EPS / 3, rel=1e-12)
-
-
-def test_one_node_on_every_eighth_of_the_period_sees_eight_middles():
-    """There cos(8 t) is -1, and cos(k t) of another k adds up to 0; by 16 nodes its mean is 0."""
-    for k in range(1, 16):
-        model = smooth(lambda x, t, m, k=k: [m.cos(k * t)], "x", eps=1.0)
-        found = rates_of(average(model, 2 * np.pi, nodes=1))([0.0])
-        assert found == pytest.approx(-1.0 if k == 8 else 0.0, abs=1e-14)
-        assert rates_of(average(model, 2 * np.pi))([0.0]) == pytest.approx(0.0, abs=1e-14)
-
-
-def test_sixteen_nodes_are_taken_if_nothing_is_said():
-    model = smooth(lambda x, t, m: [1 / (1.01 + m.cos(t))], "x", eps=1.0)
-    usual = rates_of(average(model, 2 * np.pi))([0.0])
-    fewer, asked, more = (
-        rates_of(average(model, 2 * np.pi, nodes=nodes))([0.0]) for nodes in (15, 16, 17)
-    )
-    assert usual == asked
-    assert fewer != asked != more
-
-
-def test_what_stands_still_has_the_mean_0_and_numbers_may_come_later():
-    """x' = 0 y, y' = cos(t) / m - y, where nothing is said of m."""
-    t, x, m = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("m")
-    rates = ca.vertcat(0, ca.cos(t) / m - x[1])
-    model = Model("block", [Signal("x", x)], rates, t=t, p=[Signal("m", m)])
-    found = average(model, 2 * np.pi)
-    mean = ca.Function("mean", [x, m], [found.ode])([3.0, 5.0], 2.0)
-    assert np.array(mean).ravel() == pytest.approx([0.0, -5.0], abs=1e-14)
-    still = Model("block", [Signal("x", x)], ca.SX.zeros(2))
-    assert average(still, 1.0).ode.is_zero()
-
-
-def test_only_outputs_without_time_are_kept():
-    t, v = ca.SX.sym("t"), ca.SX.sym("v")
-    outputs = [Output("slow", 2 * v), Output("fast", v + ca.cos(t))]
-    model = Model("block", x=[Signal("v", v)], ode=EPS * ca.cos(t) * v, t=t, outputs=outputs)
-    assert [output.name for output in average(model, 2 * np.pi).outputs] == ["slow"]
-
-
-@pytest.mark.parametrize("shift", [-1e-17, 0.0, 1e-17])
-def test_reversals_where_the_period_begins_count_once(shift: float):
-    def velocity(v: Any, t: Any) -> Any:
-        return v + ca.sin(t + shift)
-
-    model = block(velocity=velocity, ode=lambda v, t, f: f + EPS * ca.cos(t))
-    one, two = (average(model, 2 * np.pi, order=order) for order in (1, 2))
-    h = 1e-3
-    for average_ in (one, two):
-        slope = slopes_of(average_)([0.0])
-        rates = rates_of(average_)
-        assert slope == pytest.approx(differences(rates, np.zeros(1), h), abs=1e-6 * EPS)
-    assert rates_of(two)([0.0]) == pytest.approx(rates_of(two)([1e-9]), abs=1e-9 * EPS)
 
 
 # -- the change of variables ----------------------------------------------------------------------

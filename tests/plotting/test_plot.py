@@ -1,18 +1,14 @@
-"""Pictures: written whole, labelled with units, honest about failure, legible for every n."""
+"""Pictures: labelled with units, honest about failure, legible for every n."""
 
 import dataclasses
-import io
-import json
 import re
-import sys
 from functools import cache
 from itertools import combinations
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import pytest
+from drawn import QUICK, SI, real, sample, two_trackers, without
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
@@ -21,103 +17,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
-from PIL import Image, ImageSequence
+from PIL import Image
 from places import SAVED
 
 import wormopt as wo
 from tests.results.make import SCENES as SAVED_SCENES
-from wormopt.cli import main
-from wormopt.files import sealed
 from wormopt.kinds import KINDS
-from wormopt.plotting import draw, figure, save
+from wormopt.plotting import draw, figure
 from wormopt.plotting.parts import LINKS, stretches
 from wormopt.quantities import Scalar
 from wormopt.result import Result
-from wormopt.systems.channel import pictures as rod
 
-# Packaged scenes whose results are drawn, by picture; those saved are made by results/make.py.
-SI = 'units="SI"'
-QUICK = ('search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1")
-
-
-def two_trackers(end: float, links: int = 2) -> tuple[str, ...]:
-    """`track_sine` with so many links."""
-    places = [2.0 * (links - i) for i in range(links + 1)]
-    changes = (f"worm.links={links}", f"start.position={places}", "tolerance.recheck=false")
-    return ("track_sine", SI, *changes, f"time.end={end}", "time.samples=41")
-
-
-SCENES: dict[str, tuple[str, ...]] = {
-    "limits": ("design_fast_gait", SI, *QUICK),
-    "front": ("pareto_speed_load",),
-    "certificate": ("certified_gait",),
-    "trackers": two_trackers(2.0),
-    "bode": ("linear_chain",),
-    "poles": ("linear_chain",),
-    "margins": ("linear_chain",),
-    "predictive": ("track_predictive",),
-    "estimates": ("track_predictive",),
-    "readings": ("tracker_readings",),
-    "bands": ("random_links",),
-    "signals": ("own_model", SI, "time.end=3.0"),
-    "comparison": ("compare_tracking",),
-    "draws": ("compare_tracking",),
-    "convergence": ("optimal_crawl",),
-    "waveform": ("pair_waveform_design",),
-    "drag_gait": ("peristaltic_drag",),
-    "body": ("peristaltic_switching",),
-    "switching": ("peristaltic_switching",),
-    "stress_strain": ("fig12_stress_strain",),
-    "velocity": ("fig13_magnetic_pair",),
-    "resonance": ("resonance_curve",),
-    "coil_pressure": ("fig25_coil_pressure",),
-    "membrane": ("membrane",),
-    "segment": ("peristaltic_segment",),
-    "stroke": ("peristaltic_segment", "samples=21"),
-    "worm": ("peristaltic_tube",),
-    "course": ("peristaltic_tube",),
-    "steps": ("prototype_steps",),
-    "channel_velocity": ("fig19_channel_worm",),
-    "segment_shapes": ("segment_shapes",),
-    "coil_film": ("fig24_travelling_wave",),
-    "cargo": ("coil_cargo",),
-    "carried": ("body_in_film",),
-    "floats": ("fig27_float", "time.periods=3.0"),
-    "travelling_field": ("travelling_field",),
-    "coil_design": ("coil_cargo_design",),
-    "row_currents": ("coil_row_inverse",),
-    "reversals": ("three_masses_harmonic",),
-    "film": ("fig15_film_flow",),
-    "ride": ("fig27_float", "film.delta=0.65", "floats.length=[0.0,0.5]", "tracers.height=[0.5]"),
-    "film_wave": ("film_wave_design",),
-    "forward": ("film_forward",),
-    "basins": ("film_basins",),
-    "rod_motion": ("fig21_rod_motion",),
-    "peristalsis": ("peristaltic_design", "worm.segments=3", "limits.reserve=1.0"),
-    "swim": ("planar_purcell",),
-    "heights": ("planar_purcell",),
-    "serpenoid": ("planar_serpenoid", SI, "waves=[]"),
-    "plane": ("planar_chain",),
-    "forces": ("planar_chain",),
-    "block": ("planar_block",),
-    "planar_gait": ("planar_gait_design",),
-    "crawl": ("planar_three_link",),
-    "turning": ("planar_turn_in_place",),
-    "path": ("planar_path",),
-    "rod_frequency": ("fig22_frequency_response",),
-    "region": ("gait_region",),
-    "recordings": ("fit_chain",),
-    "correlation": ("fit_chain",),
-    "prediction": ("fit_chain",),
-    "parameters": ("fit_pair",),
-    "profiles": ("fit_pair",),
-    "measurements": ("fit_channel_worm",),
-    "errors": ("experiment_chain",),
-    "regions": ("experiment_chain",),
-    "loads": ("fit_then_design",),
-    "shift": ("gait_shift",),
-    "transitions": ("gait_shift",),
-}
 THREE = (
     'tracker=[{feedback="filter", tube_radius=0.2, growth=1e4, filter_start=0.0}, '
     '{feedback="derivative", tube_radius=0.2, growth=1e4}, {feedback="funnel", '
@@ -128,35 +38,10 @@ THREE = (
 PICTURES = sorted({picture for kind in KINDS.values() for picture in kind.pictures})
 
 
-@cache
-def real(name: str, *changes: str) -> Result:
-    """Result of a packaged scene: saved where that takes long, computed once otherwise."""
-    saved = SAVED / f"{name}.nc"
-    if saved.exists() and not changes:
-        return Result.load(saved)
-    return wo.run(wo.load_scene(name, changes))
-
-
-def sample(picture: str) -> Result:
-    return real(*SCENES.get(picture, ("fast_gait", SI)))
-
-
-@pytest.mark.parametrize("name", SAVED_SCENES)
-def test_saved_results_can_be_made_anew(name: str):
-    assert (SAVED / f"{name}.nc").exists()
-    wo.load_scene(name, SAVED_SCENES[name])
-
-
 def crawl(trackers: int = 2, links: int = 2) -> Result:
     """A chain of so many links under two trackers of `track_sine`, or a funnel besides."""
     more = (THREE,) if trackers == 3 else ()
     return real(*two_trackers(2.0 if links == 2 else 0.1, links), *more)
-
-
-def without(result: Result, *beginnings: str) -> Result:
-    """A result that lacks the variables whose names begin so."""
-    kept = tuple(v for v in result.variables if not v.name.startswith(beginnings))
-    return dataclasses.replace(result, variables=kept)
 
 
 def texts(drawn: Figure) -> str:
@@ -546,40 +431,6 @@ def test_a_front_shows_what_was_not_accepted_hollow():
     assert axes.get_ylabel() == r"largest load on a spike, max $\lambda_i$ (N)"
 
 
-def test_missing_variables_are_named_and_leave_no_file(tmp_path: Path):
-    result = without(sample("gait"), "resting", "length", "rate")
-    with pytest.raises(KeyError, match="no scalar or variable 'resting'"):
-        draw(result, "gait", tmp_path / "gait.png")
-    there = "no picture 'portrait' of kind gait; there are: gait, motion"
-    with pytest.raises(ValueError, match="did you mean motion"):
-        figure(result, "motions")
-    with pytest.raises(ValueError, match=there):
-        draw(result, "portrait", tmp_path / "portrait.png")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
-    path = tmp_path / "front.unknown"
-    path.write_text("old")
-    with pytest.raises(ValueError, match=r"no format unknown; write \.png, \.pdf, \.svg"):
-        draw(sample("front"), "front", path)
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_the_animation_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wormopt.systems.spiked.pictures.FRAMES", 12)  # of 72
-    path = tmp_path / "animation.gif"
-    draw(sample("animation"), "animation", path, width=50)
-    assert path.stat().st_size < 2_000_000
-    with Image.open(path) as film:
-        assert getattr(film, "n_frames", 1) == 12
-        first = np.asarray(film.convert("RGB"))
-        film.seek(6)
-        assert (np.asarray(film.convert("RGB")) != first).any()
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_letters_without_a_glyph_do_no_harm(tmp_path: Path):
     draw(dataclasses.replace(sample("front"), title="蠕虫 λ"), "front", tmp_path / "front.png")
     assert (tmp_path / "front.png").stat().st_size > 1000
@@ -689,206 +540,6 @@ def test_facts_are_rounded_and_in_the_units_of_the_picture():
         assert all(len(number.replace(".", "").lstrip("0")) <= 4 for number in digits), picture
 
 
-FORMATS = {"png": b"\x89PNG\r\n", "pdf": b"%PDF-", "svg": b"<?xml"}
-
-
-@cache
-def written(picture: str, form: str) -> bytes:
-    """A file with a picture as wide as a column."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"a.{form}"
-        draw(sample(picture), picture, path, width=85)
-        return path.read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("picture", "form"),
-    [
-        *(("motion", form) for form in FORMATS),
-        *(pytest.param("gait", form, marks=pytest.mark.slow) for form in FORMATS),
-        pytest.param("coil_pressure", "png", marks=pytest.mark.slow),
-        pytest.param("basins", "svg", marks=pytest.mark.slow),
-    ],
-)
-def test_the_same_result_gives_the_same_file(picture: str, form: str):
-    first = written(picture, form)
-    assert first.startswith(FORMATS[form])
-    memory = io.BytesIO()
-    save(figure(sample(picture), picture, width=85), memory, form)
-    assert sealed(memory.getvalue()) == first
-
-
-def test_formats_have_the_width_asked_for_and_fonts_that_journals_take():
-    png, pdf, svg = (written("motion", form) for form in FORMATS)
-    with Image.open(io.BytesIO(png)) as image:
-        assert image.size[0] == pytest.approx(85 / 25.4 * image.info["dpi"][0], abs=1)
-    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+)", pdf)
-    assert box
-    assert float(box[1]) == pytest.approx(85 / 25.4 * 72, abs=0.01)
-    assert b"/Type3" not in pdf
-    assert b"/FontFile2" in pdf
-    for file in (pdf, svg):
-        assert not re.search(rb"CreationDate|<dc:date>", file)
-    assert b"<text" not in svg  # outlines: no font need be there
-
-
-def test_an_animation_is_still_as_a_picture_and_only_it_moves(tmp_path: Path):
-    draw(sample("animation"), "animation", tmp_path / "still.svg", width=85)
-    with pytest.raises(ValueError, match=r"only an animation moves; write \.png, \.pdf, \.svg"):
-        draw(sample("gait"), "gait", tmp_path / "gait.gif")
-    assert [path.name for path in tmp_path.iterdir()] == ["still.svg"]
-
-
-@pytest.mark.slow
-def test_mp4_is_made_by_ffmpeg_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A stand-in that counts the frames it is given."""
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ValueError, match=r"MP4 needs ffmpeg.*install it.*or write \.gif"):
-        draw(sample("animation"), "animation", tmp_path / "a.mp4")
-    stand_in = tmp_path / "ffmpeg"
-    count = "sys.stdin.buffer.read(); size = sys.argv[sys.argv.index('-s') + 1]"
-    write = "open(sys.argv[-1], 'w').write(f'{size} {len(data)}')"
-    stand_in.write_text(f"#!{sys.executable}\nimport sys\ndata = {count}\n{write}\n")
-    stand_in.chmod(0o700)
-    draw(sample("animation"), "animation", tmp_path / "a.mp4", width=85)
-    size, length = (tmp_path / "a.mp4").read_text().split()
-    across, down = map(int, size.split("x"))
-    assert int(length) == 72 * across * down * 4
-    assert across % 2 == down % 2 == 0  # as the codec wants
-
-
-@pytest.mark.slow
-def test_a_film_is_as_wide_as_asked_for_and_moves(tmp_path: Path):
-    draw(sample("animation"), "animation", tmp_path / "a.gif", width=85)
-    with Image.open(tmp_path / "a.gif") as film:
-        assert film.size[0] == pytest.approx(85 / 25.4 * 100, abs=1)
-        assert len(list(ImageSequence.Iterator(film))) > 40
-
-
-@pytest.fixture
-def saved(tmp_path: Path) -> Path:
-    folder = tmp_path / "result"
-    folder.mkdir()
-    result = sample("limits")
-    result.save(folder)
-    return folder
-
-
-@pytest.mark.slow
-def test_plot_draws_what_the_scene_wants_beside_the_result(saved: Path, capsys: Any):
-    assert main(["plot", str(saved)]) == 0
-    drawn = [f"{name}.png" for name in ("gait", "motion", "spikes", "limits")]
-    assert capsys.readouterr().out.split() == [str(saved / name) for name in drawn]
-    assert main(["plot", str(saved / "result.nc"), "gait", "--format", "pdf"]) == 0
-    listed = json.loads((saved / "summary.json").read_text())["files"]
-    assert listed == ["result.nc", "summary.json", "certificate.json", *drawn, "gait.pdf"]
-    assert {path.name for path in saved.iterdir()} == set(listed)
-    assert Result.load(saved).scalars == sample("limits").scalars
-    # they are its own now, to be drawn again
-    before = (saved / "gait.pdf").read_bytes()
-    assert main(["plot", str(saved), "gait", "--format", "pdf", "--width", "85mm"]) == 0
-    assert (saved / "gait.pdf").read_bytes() != before
-
-
-def test_plot_writes_where_it_is_told(saved: Path, tmp_path: Path):
-    out = tmp_path / "new" / "x.pdf"
-    assert main(["plot", str(saved), "motion", "-o", str(out), "--width", "8.5cm"]) == 0
-    assert out.read_bytes().startswith(b"%PDF")
-    folder = tmp_path / "folder"
-    two = ["spikes", "motion", "--width", "85mm"]
-    assert main(["plot", str(saved), *two, "-o", str(folder), "--no-title"]) == 0
-    assert {path.name for path in folder.iterdir()} == {"spikes.png", "motion.png"}
-    files = {"result.nc", "summary.json", "certificate.json"}
-    assert {path.name for path in saved.iterdir()} == files
-
-
-def test_plot_replaces_only_what_is_its_own(saved: Path, tmp_path: Path, capsys: Any):
-    foreign = saved / "gait.png"
-    foreign.write_text("mine")
-    assert main(["plot", str(saved), "motion", "gait"]) == 2
-    assert "gait.png: is there already" in capsys.readouterr().err
-    assert foreign.read_text() == "mine"
-    assert not (saved / "motion.png").exists()
-    assert main(["plot", str(saved), "gait", "--force"]) == 2  # never what is not ours
-    assert foreign.read_text() == "mine"
-    # one of ours that is elsewhere is known by its mark
-    for form in ("png", "pdf", "svg"):
-        picture = tmp_path / "new" / f"motion.{form}"
-        elsewhere = ["motion", "-o", str(picture)]
-        assert main(["plot", str(saved), *elsewhere, "--width", "60mm"]) == 0
-        assert main(["plot", str(saved), *elsewhere]) == 2
-        assert main(["plot", str(saved), *elsewhere, "--force", "--width", "85mm"]) == 0
-        if form == "png":
-            with Image.open(picture) as opened:
-                opened.verify()  # its checksums
-        picture.write_bytes(picture.read_bytes() + b" ")  # edited
-        assert main(["plot", str(saved), *elsewhere, "--force"]) == 2
-    # of another folder nothing is known
-    other = tmp_path / "gait.png"
-    other.write_text("mine")
-    assert main(["plot", str(saved), "gait", "-o", str(tmp_path)]) == 2
-    assert other.read_text() == "mine"
-    # nor of a result that the summary does not list
-    (saved / "other.nc").write_bytes((saved / "result.nc").read_bytes())
-    assert main(["plot", str(saved / "other.nc"), "gait"]) == 2
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["gaits"], "no picture 'gaits' of kind gait-design; did you mean gait?"),
-        (
-            ["certificate"],
-            "cannot be drawn: the result has no scalar or variable 'proof_time'",
-        ),
-        (["gait", "--format", "mp4"], "gait.mp4: only an animation moves"),
-        (
-            ["gait", "motion", "-o", "x.pdf"],
-            "x.pdf: one file cannot hold 2 pictures (gait, motion)",
-        ),
-        (["gait", "-o", "x.jpg"], "x.jpg: no format jpg; write .png, .pdf, .svg"),
-        (["gait", "-o", "x.svg", "--format", "pdf"], "does not end in .pdf"),
-    ],
-)
-def test_plot_refuses_what_cannot_be(saved: Path, capsys: Any, arguments: list[str], said: str):
-    before = {path.name for path in saved.iterdir()}
-    assert main(["plot", str(saved), *arguments]) == 2
-    told = capsys.readouterr()
-    assert said in told.err
-    assert told.out == ""
-    assert {path.name for path in saved.iterdir()} == before
-
-
-def test_plot_tells_what_is_no_result(tmp_path: Path, capsys: Any):
-    assert main(["plot", str(tmp_path)]) == 2
-    assert "holds no result.nc" in capsys.readouterr().err
-    (tmp_path / "result.nc").write_text("nothing")
-    assert main(["plot", str(tmp_path)]) == 2
-    assert "is no result of wormopt" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("size", ["wide", "10mm", "-85mm", "85pt", "nan", "1e9"])
-def test_plot_refuses_a_size_that_is_none(saved: Path, size: str, capsys: Any):
-    with pytest.raises(SystemExit) as stop:
-        main(["plot", str(saved), f"--width={size}"])
-    assert stop.value.code == 2
-    assert "write 85mm, say" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_pictures_that_nobody_named_may_be_missing(saved: Path, capsys: Any):
-    result = dataclasses.replace(sample("limits"), scene_text="")
-    result.save(saved)
-    assert main(["plot", str(saved)]) == 0  # all of the kind
-    told = capsys.readouterr()
-    assert "certificate cannot be drawn" in told.err
-    assert (saved / "animation.gif").exists()
-    (saved / "animation.gif").unlink()  # no longer listed
-    without(result, "").save(saved)
-    assert main(["plot", str(saved), "--force"]) == 2
-    assert "the result has no data for a picture" in capsys.readouterr().err
-
-
 def test_stretches():
     time = np.array([0.0, 1.0, 1.0, 2.0, 3.0])
     holds = np.array([True, True, False, True, True])
@@ -907,14 +558,6 @@ def test_coils_that_are_on_are_told_from_those_that_are_not():
 
 def _is(patch: Rectangle, colour: str) -> bool:
     return same_color(patch.get_facecolor(), colour)
-
-
-def test_an_animation_of_a_rod_is_drawn_frame_by_frame():
-    result = sample("rod_motion")
-    drawn = figure(result, "animation")
-    before = drawn.axes[0].get_title(loc="left")
-    rod.pose(drawn, result, 100)
-    assert drawn.axes[0].get_title(loc="left") != before
 
 
 def test_velocity_over_frequency_shows_marks_best_pattern_and_bars():
@@ -939,3 +582,9 @@ def test_the_bound_of_every_gait_is_drawn_over_time():
     told = texts(figure(result, "gait"))  # nearer than the ceiling, which is 1 here
     assert "proven bound 0.8" in told
     assert "no gait is faster" not in told
+
+
+@pytest.mark.parametrize("name", SAVED_SCENES)
+def test_saved_results_can_be_made_anew(name: str):
+    assert (SAVED / f"{name}.nc").exists()
+    wo.load_scene(name, SAVED_SCENES[name])

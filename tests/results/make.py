@@ -1,4 +1,4 @@
-"""Real results that test_plot.py draws, of packaged scenes that take too long to run for it.
+"""Real results that tests of pictures draw, of packaged scenes that take too long to run for it.
 
 python tests/results/make.py [NAME ...] makes them anew, all or those named; all take two minutes.
 """

@@ -2,7 +2,8 @@
 
 CasADi 3.8 writes code and description of the model. Corrections: its wrapper does not evaluate
 again when only time is set, uses time 0 in derivatives, and 1 for the nominal size of every state;
-the description lacks units and dependence on time. `tests/exports/test_exports.py` checks each.
+the description lacks units and dependence on time. `tests/exports/test_exported_programs.py`
+checks each.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_design import G1, G1_LIMITS
+from g1_worm import G1, G1_LIMITS
 
 import wormopt as wo
 from wormopt.cli import main

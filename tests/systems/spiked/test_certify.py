@@ -1,4 +1,4 @@
-"""Bounds of every gait: never below a motion, sharp where the best is known, verified exactly."""
+"""Bounds of every gait: never below a motion, sharp where the best is known."""
 
 import json
 from collections.abc import Callable
@@ -10,19 +10,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from certified import (
+    BEST_OF_ANY_PERIOD,
+    BEST_OF_THREE_LINKS,
+    SPEED,
+    bound_of,
+    g1,
+    less,
+    one_link_speed,
+    one_links,
+)
 from effort import examples
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly, PPoly
-from scipy.optimize import root_scalar
 
 import wormopt as wo
-from wormopt.cli import main
-from wormopt.errors import ArgumentError, SolveError
+from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
 from wormopt.systems.shared.sequences import Sequence_, is_gait
-from wormopt.systems.spiked.certify.bound import Bounded, at_once, bounded
+from wormopt.systems.spiked.certify.bound import bounded
 from wormopt.systems.spiked.certify.certificate import Certificate, verify
 from wormopt.systems.spiked.certify.program import Level, Outer, Program
 from wormopt.systems.spiked.certify.statement import Statement
@@ -32,26 +40,12 @@ from wormopt.systems.spiked.gait_problem import Certify, GaitProblem, Objective,
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.verify import violations
 
-SPEED = Objective()
-ANY = (0.1, 100.0)
-# Best gaits of G1's worm that are known, found by independent searches.
-BEST_OF_ANY_PERIOD, BEST_OF_THREE_LINKS = 0.869449, 1.28049
 LEAST_PEAK = 585 / 23  # of G1 at speed 0.75, period 1
-
-
-def g1(links: int = 2, objective: Objective = SPEED, **changed: Any) -> GaitProblem:
-    worm = {name: changed.pop(name) for name in ("mass", "drag", "load") if name in changed}
-    given_ = {"period": ANY, "length": (0.7, 1.3), "rate": 1.0, "acceleration": 20.0}
-    return GaitProblem(Worm(links, **{"load": 5.0} | worm), Limits(**given_ | changed), objective)
 
 
 @cache
 def solved(task: GaitProblem, *level: int) -> float:
     return Program(Outer(Statement.of(task)), Level(*level)).solve(60.0)[0]
-
-
-def bound_of(task: GaitProblem, value: float, gap: float = 0.01, seconds: float = 600.0) -> Bounded:
-    return bounded(task, value, Certify(gap, seconds), silent)
 
 
 # -- motions that are true by construction -----------------------------------------------------
@@ -242,48 +236,6 @@ def test_rows_hold_along_a_motion_that_presses_on_every_limit():
 
 
 # -- bounds that are known -----------------------------------------------------------------------
-
-
-def one_link_speed(worm: Worm, limits: Limits) -> float:
-    """Largest speed of two masses that rest in turn, k = 0, one stroke in and one out.
-
-    A mass speeds up as the link and the other's spike allow, runs at the link's rate, and slows
-    down as the link and sigma allow. Both strokes have one length, in times that fill the period.
-    """
-    (contraction,), (extension,) = limits.rate_limits(1) or ((np.inf,), (np.inf,))
-    link = np.inf if limits.acceleration is None else float(np.max(limits.acceleration))
-    spike = np.inf if limits.spike_load is None else float(np.max(limits.spike_load))
-    load, period = worm.load_range[0], limits.period_range[0]
-
-    def stroke(h: float, mass: float, rate: float) -> float:
-        up = min(link, (spike - 2 * load) / mass)
-        down = min(link, 2 * (load - limits.sigma_margin) / mass)
-        ramps = 1 / up + 1 / down
-        top = min(rate, h / ramps)
-        return top * h - top**2 / 2 * ramps
-
-    def apart(h: float) -> float:
-        return stroke(h, worm.masses[1], contraction) - stroke(
-            period - h, worm.masses[0], extension
-        )
-
-    h = float(root_scalar(apart, bracket=(1e-9, period - 1e-9), xtol=1e-15, rtol=1e-14).root)
-    way = min(stroke(h, worm.masses[1], contraction), np.ptp(limits.length_ranges(1)))
-    return float(way / period)
-
-
-one_links = st.builds(
-    dict,
-    masses=st.tuples(st.floats(0.2, 3.0), st.floats(0.2, 3.0)),
-    load=st.floats(2.0, 20.0),
-    room=st.floats(0.05, 1.5),
-    contraction=st.floats(0.3, 2.0),
-    extension=st.floats(0.3, 2.0),
-    acceleration=st.floats(5.0, 50.0),
-    spike=st.one_of(st.none(), st.floats(1.2, 4.0)),
-    margin=st.one_of(st.just(0.0), st.floats(1e-9, 0.8)),
-    period=st.floats(0.5, 2.0),
-)
 
 
 def coasting() -> tuple[GaitProblem, float]:
@@ -517,183 +469,8 @@ def test_no_designed_gait_passes_its_bound_for_many_limits(task: GaitProblem):
 # -- files and their verification ----------------------------------------------------------------
 
 
-@cache
-def certificate(task: GaitProblem, *level: int) -> Certificate:
-    outer = Outer(Statement.of(task))
-    bound, proof = Program(outer, Level(*level)).solve(60.0)
-    return Certificate.of(outer.statement.fields, proof, Fraction(bound) + Fraction(1, 10**8))
-
-
-SPIKED = g1(spike_load=25.0, actuator_force=20.0, drag=0.5)
-
-
-@pytest.mark.parametrize(
-    "task", [g1(), SPIKED, g1(3, resting=2), g1(rate=(1.0, 0.6), length=((0.7, 1.3), (0.7, 1.1)))]
-)
-def test_certificates_are_verified_exactly(task: GaitProblem):
-    found = verify(certificate(task, 1, 1, 2))
-    assert found.holds, found.reason
-    assert found.inequalities > 100
-
-
-def test_a_certificate_of_three_links_is_verified_exactly():
-    """Linear in the velocities: 48 simplices, in half a second."""
-    found = verify(certificate(g1(3), 1, 1, 1))
-    assert found.holds, found.reason
-    assert BEST_OF_THREE_LINKS < found.bound < 1.5
-
-
-def changed(task: GaitProblem, change: Callable[[Any], None]) -> Certificate:
-    file = json.loads(certificate(task, 1, 1, 2).text)
-    change(file)
-    return Certificate(json.dumps(file))
-
-
-def less(number: str, share: str = "0.999") -> str:
-    return str(Fraction(number) * Fraction(share))
-
-
 def more(number: str) -> str:
     return less(number, "1.001")
-
-
-BROKEN: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "a bound that is lower": (lambda f: f.update(bound=less(f["bound"])), "exceeds the bound"),
-    "a sign of W": (
-        lambda f: f["proof"].update(values=[[-x for x in v] for v in f["proof"]["values"]]),
-        "exceeds the bound",
-    ),
-    "a coefficient": (
-        lambda f: f["proof"]["values"][3].__setitem__(0, f["proof"]["values"][3][0] + 10**6),
-        "exceeds the bound",
-    ),
-    "a larger load": (lambda f: f["problem"].update(load=["6", "6"]), "exceeds the bound"),
-    "a smaller margin": (
-        lambda f: f["problem"].update(sigma_margin="-1"),
-        "exceeds the bound",
-    ),
-    "stronger spikes": (
-        lambda f: f["problem"].update(spike_load=["30"] * 3),
-        "exceeds the bound",
-    ),
-    "stronger actuators": (
-        lambda f: f["problem"].update(actuator_force=["30"] * 2),
-        "exceeds the bound",
-    ),
-    "less drag": (lambda f: f["problem"].update(drag="0.1"), "exceeds the bound"),
-    "a faster link": (
-        lambda f: f["problem"]["rates"][1].__setitem__(0, "1.001"),
-        "link 0 can be faster",
-    ),
-    "a quicker link": (lambda f: f["problem"].update(acceleration=["21", "20"]), "accelerates by"),
-    "a longer link": (
-        lambda f: f["problem"]["length"].__setitem__(0, ["0.7", "1.4"]),
-        "link 0 can move by more",
-    ),
-    "a shorter stroke": (
-        lambda f: f["proof"]["strokes"].__setitem__(1, less(f["proof"]["strokes"][1])),
-        "link 1 can move by more",
-    ),
-    "weaker brakes": (
-        lambda f: f["proof"]["brakes"][1].__setitem__(0, less(f["proof"]["brakes"][1][0])),
-        "link 0 accelerates by",
-    ),
-    "a piece left out": (lambda f: f["proof"]["pieces"].pop(), "no piece lies beyond|a gap"),
-    "a piece twice": (
-        lambda f: f["proof"]["pieces"].append(f["proof"]["pieces"][0]),
-        "overlap|a gap",
-    ),
-    "a piece moved": (
-        lambda f: f["proof"]["vertices"].__setitem__(0, [x + 1 for x in f["proof"]["vertices"][0]]),
-        "",
-    ),
-    "other resting masses": (lambda f: f["problem"].update(resting=2), "masses rest"),
-    "no cells": (lambda f: f["proof"].update(cells=0), "no cells"),
-}
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_certificate_is_not_verified(name: str):
-    change, said = BROKEN[name]
-    found = verify(changed(SPIKED, change))
-    assert not found.holds
-    assert any(part in found.reason for part in said.split("|")), found.reason
-
-
-def test_a_broken_certificate_of_mean_rates_is_not_verified():
-    proven = bound_of(g1(5), 1.9).certificate
-    assert proven is not None
-    file = json.loads(proven.text)
-    file["bound"] = less(file["bound"])
-    assert "mean rates" in verify(Certificate(json.dumps(file))).reason
-    file = json.loads(proven.text)
-    file["proof"]["brakes"][0][0] = "19"
-    assert "below its acceleration" in verify(Certificate(json.dumps(file))).reason
-
-
-def test_the_command_verifies_a_file(tmp_path, capsys: pytest.CaptureFixture[str]):
-    good, bad, none = (tmp_path / f"{name}.json" for name in ("good", "bad", "none"))
-    certificate(g1(), 1, 1, 2).save(good)
-    assert verify(good).holds
-    assert wo.verify(str(good)).holds
-    assert main(["verify", str(good)]) == 0
-    assert "no gait is faster than" in capsys.readouterr().out
-    bad.write_text(changed(g1(), BROKEN["a bound that is lower"][0]).text)
-    assert main(["verify", str(bad)]) == 3
-    assert "not verified: dW/dt" in capsys.readouterr().err
-    assert main(["verify", str(none)]) == 2
-    assert "none.json: No such file" in capsys.readouterr().err
-
-
-def test_strokes_are_rounded_up_from_what_is_proven():
-    """They were rounded down by what the last digits of floats may be off: not verified."""
-    worm = Worm(links=3, mass=(1.9752096437611943, 1.0, 1.320529048672694, 0.5), load=6.29336757)
-    rate = (1.3728651274683445, 1.4607125195623956, 1.238089937382999)
-    low = (0.4203364253546264, 0.6575655446053759, 0.8734806309272474)
-    high = (1.188261913845055, 1.214853091485605, 1.4077341618810624)
-    limits = Limits(
-        period=1.0,
-        length=tuple(zip(low, high, strict=True)),
-        resting=3,
-        rate=Rates(contraction=rate, extension=rate),
-        acceleration=(34.60666055673868, 13.994626096661797, 9.5),
-    )
-    found = at_once(GaitProblem(worm, limits))
-    assert found is not None
-    assert found.certificate is not None
-    assert verify(found.certificate).reason == ""
-
-
-def test_forces_that_no_gait_can_keep_leave_the_bound_of_rates():
-    """A spike holds 4 at most where a load of 15 pulls: no acceleration keeps all limits."""
-    limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, spike_load=4.0)
-    found = at_once(GaitProblem(Worm(links=2, load=5.0), limits))
-    assert found is not None
-    assert found.bound <= 1.0
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("{", "not a certificate: Expecting"),
-        ("[]", '"format" must be "wormopt certificate"'),
-        ('{"format": "wormopt certificate", "version": 2}', "version 2 is not known; only 1 is"),
-        ('{"format": "wormopt certificate", "version": 1}', "'problem' is missing"),
-    ],
-)
-def test_what_is_no_certificate_is_refused(text: str, said: str, tmp_path):
-    file = tmp_path / "c.json"
-    file.write_text(text)
-    with pytest.raises(ArgumentError) as refused:
-        verify(file)
-    assert said in str(refused.value)
-    assert str(file) in str(refused.value)
-
-
-@pytest.mark.parametrize("key", ["masses", "rates", "sharing", "length"])
-def test_a_certificate_without_a_key_is_refused(key: str):
-    with pytest.raises(ArgumentError, match=f"'{key}' is missing"):
-        verify(changed(g1(), lambda f: f["problem"].pop(key)))
 
 
 # -- runs that stop ------------------------------------------------------------------------------

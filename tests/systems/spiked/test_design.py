@@ -4,12 +4,13 @@ import json
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
-from math import comb, gcd, sqrt
+from math import comb, gcd
 from pathlib import Path
 
 import numpy as np
 import pytest
 from effort import examples
+from g1_worm import G1, G1_LIMITS, G1_WORM
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -29,10 +30,6 @@ from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, 
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search.trial import Trier
 from wormopt.systems.spiked.verify import violations
-
-G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
-G1_WORM = Worm(links=2, load=5.0)
-G1_LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 
 
 def run(*overrides: str):
@@ -264,7 +261,7 @@ def test_a_sequence_is_never_faster_than_its_own_ceiling(fast_gait):
     [
         (['objective={minimise="peak_spike_load",speed=1.5}'], ["objective.speed", "ceiling"]),
         (["gait.spike_load=7.0"], ["gait.spike_load larger by 0.501;"]),
-        pytest.param(  # test_search.py has it in fast runs
+        pytest.param(  # test_search_ends.py has it in fast runs
             ["gait.sigma_margin=6.0"],
             ["gait.sigma_margin smaller by 1.01;"],
             marks=pytest.mark.slow,

@@ -1,15 +1,15 @@
 """The bilinear program of one order of rest, and what designs of it keep, by independent routes."""
 
 from functools import cache
-from math import sqrt
 from typing import Any
 
 import numpy as np
 import pytest
+from certified import one_link_speed, one_links
 from effort import examples
+from g1_worm import G1, G1_LIMITS, G1_ORDER, G1_WORM
 from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
-from test_certify import one_link_speed, one_links
 
 from tests.benchmarks import design_cases, design_rivals
 from tests.benchmarks.design_cases import Motion
@@ -24,11 +24,6 @@ from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.trial import Trial, Trier
-
-G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
-G1_WORM = Worm(links=2, load=5.0)
-G1_LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-G1_ORDER = ((0,), (2,), (1,))
 
 
 def point(found: Point | None) -> Point:
