@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
 from wormopt.files import RESULT_FILE
+from wormopt.model.given import names_in
 from wormopt.progress import Report, silent
 from wormopt.study import Scene, Study, load_scene
 from wormopt.study.overrides import Overrides
@@ -64,7 +65,7 @@ def run(
     if overrides or not isinstance(scene, Scene):
         scene = load_scene(scene, overrides)
     study, start = scene.table, perf_counter()
-    only = (only,) if isinstance(only, str) else only
+    only = names_in("only", only)
     with interruptible():
         result = study.only(*only, report=report) if only else study.result(report)
     return dataclasses.replace(

@@ -73,7 +73,7 @@ _MOST_STEPS = 2e7
 
 
 class Switching(Pattern):
-    """Switching pattern of the coils, and its rate."""
+    """Switching pattern of the coils, and its frequency."""
 
     frequency: float = positive(
         "rate", "*n*, switches per second; the field travels one pitch in 1/`frequency`"

@@ -194,7 +194,7 @@ def _mean(each: tuple[float, ...]) -> float:
 
 
 class SceneWorm(Worm):
-    """The worm of a scene, which must say its masses."""
+    """The worm of a scene; its masses are required."""
 
     mass: PerMass = entry(_MASS, quantity="mass", per="masses")
 

@@ -259,7 +259,7 @@ class Masses(Given):
 
 
 class Start(Given):
-    """How the simulated motion starts."""
+    """Initial state of the simulated motion."""
 
     velocity: float = number("speed", "initial velocity *V* of the centre", default=0.0)
 
