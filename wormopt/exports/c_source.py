@@ -35,7 +35,7 @@ def _comment(lines: Iterable[str]) -> str:
 
 def _header(course: Course, name: str) -> str:
     time, length, rate, acceleration = course.units
-    said = _comment(
+    comment = _comment(
         [
             "Lengths of the links of a worm, over and over again.",
             *course.remarks,
@@ -43,7 +43,7 @@ def _header(course: Course, name: str) -> str:
             "1 means none.",
         ]
     )
-    return f"""{said}
+    return f"""{comment}
 #ifndef {name.upper()}_H
 #define {name.upper()}_H
 
@@ -151,7 +151,7 @@ def _replay(course: Course, name: str, header: str) -> str:
     rows = np.concatenate([gait(at), gait(at, 1), gait(at, 2)]).T
     # effect of the rounding of the time
     size = [float(np.abs(part).max()) or 1.0 for part in np.split(rows, 3, axis=1)]
-    said = _comment(
+    comment = _comment(
         [
             "Compares the tables with samples of the same gait. Compile it with the source beside "
             "it and -lm;",
@@ -159,7 +159,7 @@ def _replay(course: Course, name: str, header: str) -> str:
             *course.remarks,
         ]
     )
-    return f"""{said}
+    return f"""{comment}
 #include "{header}"
 
 #include <math.h>

@@ -106,9 +106,9 @@ def fit(
             report("estimating noise", None)
             task, best = _with_levels(task, best, estimated)
     except KeyboardInterrupt:
-        partial = _told(asked, task, points[0], ends, "interrupted") if points else None
+        partial = _fit_of(asked, task, points[0], ends, "interrupted") if points else None
         raise Interrupted(partial) from None
-    return _told(asked, task, best, ends)
+    return _fit_of(asked, task, best, ends)
 
 
 def _of_starts(
@@ -172,7 +172,7 @@ def _with_levels(
     return task, best
 
 
-def _told(
+def _fit_of(
     asked: FitTask, task: FitTask, best: Descent, ends: list[Attempt], reason: str = ""
 ) -> Fit:
     """Make the Fit with warnings; `asked` is the task before noise was estimated."""

@@ -509,10 +509,10 @@ class Model:
 
     def __repr__(self) -> str:
         parts = {"states": self.x, "algebraic": self.z, "inputs": self.u, "parameters": self.p}
-        told = [f"{what} {listed(signals)}" for what, signals in parts.items() if signals]
+        known = [f"{what} {listed(signals)}" for what, signals in parts.items() if signals]
         touching = ", ".join(contact.name for contact in self.contacts)
         contacts = f"contacts {touching}" if touching else "no contacts"
-        return lines(f"Model {self.name}: {'; '.join(told[:1])}; {contacts}", "; ".join(told[1:]))
+        return lines(f"Model {self.name}: {'; '.join(known[:1])}; {contacts}", "; ".join(known[1:]))
 
     @property
     def n_x(self) -> int:

@@ -56,10 +56,10 @@ def sweep_html(source: Source, ident: str, room: float) -> str:
 
 def _states_text(grid: Grid) -> str:
     counts = [sum(state == k for state in grid.states) for k in range(len(STATUS))]
-    told = ", ".join(f"{n} {STATUS[k]}" for k, n in enumerate(counts) if n)
+    counted = ", ".join(f"{n} {STATUS[k]}" for k, n in enumerate(counts) if n)
     keys = [f"<code>{escaped(axis.key)}</code>" for axis in grid.axes]
     over = " and ".join([", ".join(keys[:-1]), keys[-1]] if keys[1:] else keys)
-    return f"{len(grid.states)} points over {over}: {told}. Choose a point to see it."
+    return f"{len(grid.states)} points over {over}: {counted}. Choose a point to see it."
 
 
 def _choice(grid: Grid, variable: Variable, ident: str, targets: list[str], k: int) -> str:
@@ -68,10 +68,10 @@ def _choice(grid: Grid, variable: Variable, ident: str, targets: list[str], k: i
     name = f"{words_of(variable)}{f' ({unit})' if unit else ''}"
     draw = line_html if len(grid.axes) == 1 else map_html if grid.lattice else scatter_html
     body = draw(grid, variable, targets)
-    said = (
+    meaning = (
         sentence(variable.long_name) if name_text(variable.long_name) != words_of(variable) else ""
     )
-    caption = f"<strong>{escaped(name)}</strong> {escaped(said)}"
+    caption = f"<strong>{escaped(name)}</strong> {escaped(meaning)}"
     return (
         f'<figure class="map" id="{ident}-map{k}"><figcaption>{caption}</figcaption>{body}</figure>'
     )
@@ -129,8 +129,8 @@ def _table_row(
         f'<a class="cell row" data-point="{point}" href="{targets[point]}">{escaped(places[0])}</a>'
     )
     state, why = STATUS[grid.states[point]], grid.reasons[point]
-    told = escaped(f"{state}: {why}" if why else state)
-    cells = [first, *map(escaped, places[1:]), told]
+    status = escaped(f"{state}: {why}" if why else state)
+    cells = [first, *map(escaped, places[1:]), status]
     cells += [value_text(grid.value(v, point), "1", 6) for v in numbers]
     inner = "".join(f"<td>{cell}</td>" for cell in cells)
     return f'<tr id="{ident}-row{point}">{inner}</tr>'
