@@ -34,7 +34,7 @@ def run(
     overrides : str, mapping, or iterable of them
         Changes, as for `load_scene`.
     report : callable
-        Is told what is being done and the fraction done, see `wormopt.progress`.
+        Gets the present step and the fraction done, see `wormopt.progress`.
     only : str or sequence of str, optional
         Names of scalars, variables and checks: nothing else is computed, but for what these need.
 

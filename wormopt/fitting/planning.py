@@ -258,8 +258,8 @@ class _Search:
         names = known.unseen[0] if known.unseen else {}
         listed = ", ".join(f"{share:+.3g} {name}" for name, share in names.items())
         raise SolveError(
-            f"no experiment that was drawn tells what is wanted: nothing changes with {listed}",
-            "measure something else, take more for known, or want less",
+            f"no experiment identifies the wanted unknowns: nothing changes with {listed}",
+            "measure other signals, fix more parameters, or want fewer unknowns",
             code="not_told",
         )
 

@@ -473,7 +473,7 @@ class Model:
             return
         name = next(c.name for c in self.contacts if ca.depends_on(c.velocity, forces))
         raise ArgumentError(
-            f"contact {name}: velocity holds forces of contacts; write it by the states"
+            f"contact {name}: velocity contains forces of contacts; write it by the states"
         )
 
     def check_laws(self) -> None:
@@ -534,7 +534,7 @@ class Model:
         """
         if self.delays:
             names = ", ".join(delay.name for delay in self.delays)
-            raise ArgumentError(f"{what} knows no delays, and {self.name} has some: {names}")
+            raise ArgumentError(f"{what} does not support delays, and {self.name} has {names}")
 
     @property
     def forces(self) -> ca.SX:

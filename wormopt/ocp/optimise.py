@@ -402,7 +402,7 @@ def refine(
     Returns
     -------
     Optimum
-        The last one; whether it got there its ``defects`` tell.
+        The last one; its ``defects`` show whether it reached the tolerance.
 
     Raises
     ------

@@ -177,7 +177,7 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         message = f"is not UTF-8 text (byte {error.start}); save it as UTF-8"
         if path.suffix == ".nc":
-            message = "is a result, not a scene; `wormopt show` tells what it holds"
+            message = "is a result, not a scene; `wormopt show` prints it"
     except RecursionError:
         message = "is nested too deeply"
     except ValueError as error:

@@ -25,7 +25,7 @@ _ROUND, _SURELY = 1e-9, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """What a fit can tell of its unknowns, and what not.
+    """Identifiable and unidentifiable unknowns of a fit.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Identifiability:
     weak: tuple[str, ...]
 
     def __repr__(self) -> str:
-        summary = f"Identifiability: {self.rank} of {len(self.names)} combinations can be told"
+        summary = f"Identifiability: {self.rank} of {len(self.names)} combinations are identifiable"
         return lines(summary, *self.words)
 
     @property
@@ -85,7 +85,7 @@ class Identifiability:
 
 
 def identifiability(found: Fit) -> Identifiability:
-    """Find out which unknowns the readings of a fit tell, and which combinations they do not.
+    """Find which unknowns the readings of a fit identify, and which combinations they do not.
 
     Parameters
     ----------

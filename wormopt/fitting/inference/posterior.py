@@ -94,11 +94,11 @@ class Posterior:
         doubts = []
         if self.divergences:
             doubts.append(
-                f"{self.divergences} draws went astray: the probability has kinks or corners there"
+                f"{self.divergences} draws diverged: the probability has kinks or corners there"
             )
         apart = [n for n, r in zip(self.names, self.r_hat, strict=True) if not r <= R_HAT]
         if apart:
-            doubts.append(f"chains differ in {', '.join(apart)}; draw more, or tell less apart")
+            doubts.append(f"chains differ in {', '.join(apart)}; draw more, or fit fewer unknowns")
         few = [n for n, e in zip(self.names, self.effective, strict=True) if not e >= FEWEST]
         if few:
             doubts.append(f"draws of {', '.join(few)} depend on each other; draw more")
@@ -320,8 +320,8 @@ class Density:
             shares = zip(self.task.names, turned[:, -1], strict=True)
             names = [name for name, share in shares if abs(share) > 0.1]
             raise ArgumentError(
-                f"nothing bounds {', '.join(names)}: the readings cannot tell; give bounds on both "
-                "sides, or a prior"
+                f"the readings do not determine {', '.join(names)}; write bounds on both sides, or "
+                "a prior"
             )
         whole = np.diag(np.append(1 / s, 1 / np.sqrt(2 * self._rows.sum(axis=0))))
         whole[: len(s)] = turned @ whole[: len(s)]

@@ -86,7 +86,7 @@ class Prediction:
         """Statements about anomalies."""
         name = self.recording.name
         unknown = [s for s, sd in self.model_error.items() if np.isinf(sd).any()]
-        statements = [f"what the fit cannot tell moves {signal} in {name}" for signal in unknown]
+        statements = [f"unidentifiable directions move {signal} in {name}" for signal in unknown]
         if self.p < _DOUBTED:
             statements.append(
                 f"{name} is not as predicted (p = {self.p:.1g}): the model, or the noise said, is "
