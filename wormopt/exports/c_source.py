@@ -28,7 +28,6 @@ def make(course: Course, stem: str) -> dict[str, bytes]:
 
 
 def _comment(lines: Iterable[str]) -> str:
-    """C comment of any text."""
     kept = (line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?") for line in lines)
     return "/* " + "\n * ".join(kept) + "\n */\n"
 

@@ -55,7 +55,6 @@ def _check_column(whose: str, what: str, given: ca.SX, size: int, things: str) -
 
 
 def _check_names(whose: str, what: str, names: Sequence[str]) -> None:
-    """Refuse duplicate names."""
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise ArgumentError(

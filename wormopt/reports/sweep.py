@@ -63,7 +63,6 @@ def _states_text(grid: Grid) -> str:
 
 
 def _choice(grid: Grid, variable: Variable, ident: str, targets: list[str], k: int) -> str:
-    """One number over the sweep."""
     unit = unit_text(variable.unit)
     name = f"{words_of(variable)}{f' ({unit})' if unit else ''}"
     draw = line_html if len(grid.axes) == 1 else map_html if grid.lattice else scatter_html
@@ -106,7 +105,6 @@ def _blocks(grid: Grid, ident: str, room: float) -> dict[int, str]:
 
 
 def _table(grid: Grid, ident: str, targets: list[str], opened: bool) -> str:
-    """All points with their numbers."""
     if len(grid.states) > _MOST_ROWS:
         return f"<p>The numbers of all {len(grid.states)} points stand in the result.</p>"
     numbers = grid.numbers[: max(1, min(12, 30_000 // len(grid.states)))]

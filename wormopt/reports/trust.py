@@ -119,7 +119,6 @@ def _checks_html(checks: tuple[Check, ...]) -> str:
 
 
 def _rest(trust: Mapping[str, Any]) -> str:
-    """The trust report in full."""
     kept = {key: value for key, value in trust.items() if key not in _SAID[:2]}
     text = _tree(kept) if kept else ""
     if len(text) > _LONGEST:

@@ -399,7 +399,6 @@ class Study(Given):
         )  # fmt: skip
 
     def _given_warnings(self) -> Iterator[str]:
-        """Yield warnings about the given keys."""
         yield from surprises(self, self.units)
         yield from self.file_warnings(self.folder, self.units)
 

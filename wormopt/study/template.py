@@ -115,7 +115,6 @@ def _meant(raw: Mapping[str, Any], tables: list[type[msgspec.Struct]]) -> type[m
 
 
 def _choices(tables: list[type[msgspec.Struct]]) -> str:
-    """List the tags of several tables."""
     if len(tables) == 1:
         return ""
     tags = " or ".join(toml_value(table.__struct_config__.tag) for table in tables)

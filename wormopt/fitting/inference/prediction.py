@@ -210,7 +210,6 @@ def _spread(
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the columns."""
     if columns.shape[1] == 0:
         return columns
     s, v = spectrum(columns, np.ones(columns.shape[1]))

@@ -159,7 +159,6 @@ def _placed(
 
 
 def _statement(array: str, shape: str, row: Sequence[int]) -> str:
-    """One row of a shape."""
     target, *entries = row
     waiting = iter(entries)
     value = _PLACE.sub(lambda place: f"{place[1]}[{next(waiting)}]", _OF_VECTORS.sub(_ONE, shape))
