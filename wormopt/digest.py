@@ -81,9 +81,9 @@ def _repeated(result: Any, chosen: Iterable[str]) -> bool:
 
 def _aside(result: Any) -> set[str]:
     """Scalars that the short form omits: about the computation, or redundant."""
-    told = ("sensitivity.",) if _effects_known(result) else ()
-    found = {name for name in result.scalars if name.startswith((*_OF_THE_COMPUTATION, *told))}
-    return found | {name for name in result.scalars if told and _limited(name)}
+    effects = ("sensitivity.",) if _effects_known(result) else ()
+    found = {name for name in result.scalars if name.startswith((*_OF_THE_COMPUTATION, *effects))}
+    return found | {name for name in result.scalars if effects and _limited(name)}
 
 
 def _size(value: Any) -> float | None:
@@ -138,11 +138,11 @@ def _best(result: Any) -> Iterator[tuple[str, str, str]]:
     if np.isfinite(worth[at]):
         axes = result.attributes["axes"]
         places = at if len(at) == len(axes) else at * len(axes)  # drawn points: one for all axes
-        told = (
+        place = (
             f"{axis['key']} {_with_unit(axis['values'][k], result[axis['dim']].unit)}"
             for axis, k in zip(axes, places, strict=True)
         )
-        yield f"best {name}", _with_unit(float(found.values[at]), found.unit), ", ".join(told)
+        yield f"best {name}", _with_unit(float(found.values[at]), found.unit), ", ".join(place)
 
 
 # -- limits --------------------------------------------------------------------------------------
@@ -226,8 +226,10 @@ def _worst(checks: tuple[Any, ...]) -> str:
 
 def _second_route(result: Any) -> str:
     """Result of the second route: its status, and the difference."""
-    told = result.trust.get("recheck")
-    each = [one for one in (told if isinstance(told, list) else [told]) if isinstance(one, Mapping)]
+    given = result.trust.get("recheck")
+    each = [
+        one for one in (given if isinstance(given, list) else [given]) if isinstance(one, Mapping)
+    ]
     routes = dict.fromkeys(str(one.get("method") or one.get("route") or "") for one in each)
     errors = [one["error"] for one in each if isinstance(one.get("error"), int | float)]
     found = [f"differs by {max(map(abs, errors)):.2g}"] if errors else []

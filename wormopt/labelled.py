@@ -82,9 +82,9 @@ def dataset(
     xarray = optional("xarray")
     variables = tuple(variables)
     own = coordinates(variables, names)
-    units = {v.name: _told(v) for v in variables}
+    units = {v.name: _attributes(v) for v in variables}
     return xarray.Dataset(
-        {v.name: (v.dims, v.values, _told(v)) for v in variables if v.name not in own},
+        {v.name: (v.dims, v.values, _attributes(v)) for v in variables if v.name not in own},
         coords={dim: (dim, values, units.get(dim, {})) for dim, values in own.items()},
         attrs=dict(attributes),
     )
@@ -116,8 +116,8 @@ def dataframe(
             columns[name], units[name] = column, v.unit
     units |= {v.name: v.unit for v in variables if v.name == row}
     frame = pandas.DataFrame(columns, index=pandas.Index(own[row], name=row))
-    told = {name: unit for name, unit in units.items() if unit}
-    frame.attrs |= {"units": told} if told else {}
+    known = {name: unit for name, unit in units.items() if unit}
+    frame.attrs |= {"units": known} if known else {}
     return frame
 
 
@@ -137,6 +137,6 @@ def _most(variables: Sequence[Array]) -> str:
     return timed[0] if timed else max(dict.fromkeys(dims), key=dims.count, default="time")
 
 
-def _told(variable: Array) -> dict[str, str]:
-    told = {"units": variable.unit, "long_name": variable.long_name}
-    return told if variable.unit else {}
+def _attributes(variable: Array) -> dict[str, str]:
+    attributes = {"units": variable.unit, "long_name": variable.long_name}
+    return attributes if variable.unit else {}

@@ -98,8 +98,8 @@ class Trust(dict[str, Any]):
     def _repr_html_(self) -> str:
         facts = [(name, brief(value), "") for name, value in self.items() if name != "checks"]
         checks = [
-            (name, brief(told["value"]), f"accepted up to {told['limit']:.3g}")
-            for name, told in self.get("checks", {}).items()
+            (name, brief(check["value"]), f"accepted up to {check['limit']:.3g}")
+            for name, check in self.get("checks", {}).items()
         ]
         return html("Trust report", [Part("", facts), Part("Checks", checks)])
 
@@ -210,8 +210,8 @@ class Result:
     @property
     def checks(self) -> tuple[Check, ...]:
         """What the trust report accepts or not, line by line."""
-        told = self.trust.get("checks", {}).items()
-        return tuple(Check(name, **found) for name, found in told if isinstance(found, Mapping))
+        checks = self.trust.get("checks", {}).items()
+        return tuple(Check(name, **found) for name, found in checks if isinstance(found, Mapping))
 
     def failed(self, reason: str) -> Result:
         """Give the same as a failed result.

@@ -191,8 +191,8 @@ def parse_table(
                     wrong.append((name, f" line {n}, column {name}: {cell} {what}"))
         values[name] = tuple(math.nan if v is None or name in texts else v for v in numbers)
     wrong.sort(key=_line_of)
-    said = tuple(text for _, text in remarks)
-    return TextTable(values, units, frozenset(texts), said, at, tuple(n for n, _ in rows))
+    kept = tuple(text for _, text in remarks)
+    return TextTable(values, units, frozenset(texts), kept, at, tuple(n for n, _ in rows))
 
 
 def unit_meant(name: str) -> tuple[str, str]:
@@ -342,7 +342,9 @@ def _names_and_units(
         return above[0], cells
     title = len(cells) < len(rows[0][1]) or (time and not _has(cells, time)) if rows else False
     for row in names:
-        if row[0] > head[0] and (title or (any(map(_is_unit, _said(row[1]))) and not _said(cells))):
+        if row[0] > head[0] and (
+            title or (any(map(_is_unit, _units_of(row[1]))) and not _units_of(cells))
+        ):
             return row, []
     below = [row[1] for row in found if row[0] > head[0] and _all_units(row[1])]
     return head, below[0] if below and len(below[0]) == len(cells) else []
@@ -363,7 +365,7 @@ def _all_units(cells: list[str]) -> bool:
     return bool(_units(cells, cells))
 
 
-def _said(cells: list[str]) -> list[str]:
+def _units_of(cells: list[str]) -> list[str]:
     """Units after the names, or their replacement."""
     return [unit for cell in cells if (unit := name_and_unit(cell)[1])]
 

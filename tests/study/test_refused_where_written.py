@@ -186,7 +186,7 @@ def test_a_symbol_has_one_owner(made: Callable[[], Any]):
         ),
         (
             lambda: model(contacts=[replace(CONTACT, velocity=v + f)]),
-            "contact sole: velocity holds forces of",
+            "contact sole: velocity contains forces of",
         ),
         (
             lambda: model(switches=[Switch("stop", q, CART.ode.T)]),

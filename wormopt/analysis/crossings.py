@@ -142,8 +142,8 @@ class Wave:
             factor = np.vdot(shape, harmonics).real / np.vdot(shape, shape).real
             if np.abs(harmonics - factor * shape).max() > 1e-9 * np.abs(harmonics).max():
                 raise ArgumentError(
-                    "a contact velocity has several harmonics of which the ratios depend on the "
-                    "states or parameters; only one factor in front of all of them may"
+                    "a contact velocity has several harmonics whose ratios depend on states or "
+                    "parameters; only a common factor of all of them may do so"
                 )
         return shape / np.abs(shape).max()
 

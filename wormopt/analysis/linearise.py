@@ -118,7 +118,7 @@ class LinearModel:
         expected = self._zero_count
         if expected is not None and len(zeros[0]) + self.shifts != expected:
             raise ArgumentError(
-                f"{self.name}: its numbers spread over too many decades to tell the "
+                f"{self.name}: its numbers spread over too many decades to distinguish its "
                 f"{expected} zeros from those at infinity"
             )
         return zeros
@@ -155,7 +155,7 @@ class LinearModel:
         Raises
         ------
         ArgumentError
-            If the numbers spread over too many decades (about nine for a chain) to tell them.
+            If the numbers spread over too many decades (about nine for a chain) to find them.
         """
         return _sorted(self._zeros[0], self.shifts)
 

@@ -141,7 +141,6 @@ class Rates:
 
 
 def _each(p: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Parameters, repeated for every state."""
     return np.broadcast_to(p, (len(x), p.shape[-1]))
 
 

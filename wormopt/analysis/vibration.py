@@ -214,7 +214,6 @@ class _Pairs:
 
 
 def _all(K: csc_array, M: csc_array, name: str) -> _Pairs:
-    """All eigenvalues."""
     try:
         squares, vectors = scipy.linalg.eigh(K.toarray(), M.toarray())
     except np.linalg.LinAlgError:
@@ -278,7 +277,6 @@ def _rounded(largest: float) -> float:
 
 
 def _residual(K: csc_array, M: csc_array, squares: np.ndarray, vectors: np.ndarray) -> float:
-    """Residual of eigenvalues and vectors."""
     apart = np.linalg.norm(K @ vectors - (M @ vectors) * squares, axis=0)
     size = abs(K).sum(axis=0).max() * np.linalg.norm(vectors, axis=0)
     return float((apart / np.where(size > 0, size, 1.0)).max())

@@ -68,14 +68,14 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
     if inputs.links != size:
         raise ArgumentError(f"{plant.name} has {size} scalar inputs, the course {inputs.links}")
     course = gait_reference(inputs, plant.t, periodic=periodic, name="input")
-    value, told = _cut(plant.u, course.value)
+    value, saturation = _cut(plant.u, course.value)
     units = {signal.unit for signal in plant.u}
     shown = Output("input", value, units.pop() if len(units) == 1 else "1")
     fed = feed(plant, plant.u, value)
     return replace(
         fed,
         name=f"{plant.name}, driven",
-        outputs=[*fed.outputs, shown, *told],
+        outputs=[*fed.outputs, shown, *saturation],
         schedules=[*fed.schedules, *course.schedules],
     )
 

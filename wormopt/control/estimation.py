@@ -74,7 +74,7 @@ class Estimator:
         count = len(self.chosen)
         self.logarithms = np.zeros(count)  # relative to the given parameters
         self._own = np.eye(count) / estimation.spread**2
-        self._information, self._told = self._own, np.zeros(count)
+        self._information, self._weighted = self._own, np.zeros(count)
         self._rows = np.zeros((0, stages.arc.layout.size))
         self._measured = np.zeros((0, stages.n_x))
         self._seen = 0
@@ -120,7 +120,7 @@ class Estimator:
         weight = 0.5 / self.estimation.noise**2  # it contains two measured states
         kept = np.exp(-1 / self.estimation.memory)
         self._information = self._own + kept * (self._information - self._own) + weight * J.T @ J
-        self._told = kept * self._told + weight * J.T @ (J @ self.logarithms + missed)
+        self._weighted = kept * self._weighted + weight * J.T @ (J @ self.logarithms + missed)
         self._rows, self._measured = self._rows[1:], self._measured[1:]
 
     def _improve(self) -> None:
@@ -144,7 +144,7 @@ class Estimator:
         """Change (n_x + chosen,) that minimises the errors at nodes and of the prior."""
         n_x, count = self.stages.n_x, len(self.chosen)
         root = np.linalg.cholesky(self._information).T
-        believed = np.linalg.solve(self._information, self._told)
+        believed = np.linalg.solve(self._information, self._weighted)
         matrix = np.zeros((slopes.shape[0] * n_x + count, n_x + count))
         matrix[:-count] = slopes.reshape(-1, n_x + count) / self.estimation.noise
         matrix[-count:, n_x:] = root

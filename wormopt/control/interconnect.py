@@ -183,8 +183,8 @@ def _own_states(loop: Model, plant: Model) -> Sequence[Signal]:
     )
     if not alike:
         raise ArgumentError(
-            f"{loop.name} is no loop around this {plant.name}; hand over the very plant of which "
-            "it was made"
+            f"{loop.name} is no loop around this {plant.name}; pass the plant from which it was "
+            "made"
         )
     return loop.x[len(plant.x) :]
 

@@ -115,8 +115,8 @@ class TrackingError:
             what = type(reference).__name__
             raise ArgumentError(f"reference must be follow(gait, plant.t), not {what}")
         own = ca.vertcat(plant.t, *(ca.vertcat(s.symbol, s.begin) for s in reference.schedules))
-        told = [reference.value, reference.rate]
-        if ca.Function("reference", [own], told, {"allow_free": True}).has_free():
+        parts = [reference.value, reference.rate]
+        if ca.Function("reference", [own], parts, {"allow_free": True}).has_free():
             raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
         followed = {signal.name: signal.unit for signal in (*plant.x, *plant.outputs)}
         if output not in followed:
@@ -283,7 +283,7 @@ def close(
     Raises ArgumentError if the plant has no such input of the force's size.
     """
     signal = input_of(plant, force.numel(), input)
-    force, told = saturated(signal, force)
+    force, outputs = saturated(signal, force)
     fed = feed(plant, [signal], force)
     x, own = pack(plant.x), pack(states)
     return replace(
@@ -296,7 +296,7 @@ def close(
             *fed.outputs,
             *error.shown(reference),
             Output(signal.name, force, signal.unit),
-            *told,
+            *outputs,
             *outputs,
         ],
         switches=[

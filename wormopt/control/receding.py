@@ -90,7 +90,7 @@ def run_mpc(
     tolerance : Tolerance
         Of the simulation.
     report : callable
-        Is told how far it is.
+        Gets the progress.
 
     Returns
     -------

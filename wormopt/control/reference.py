@@ -53,7 +53,7 @@ def gait_reference(
     periodic: bool = True,
     name: str = "reference",
 ) -> Reference:
-    """Make the reference of which the value at time t is the gait's at t + shift.
+    """Make the reference whose value at time t is that of the gait at t + shift.
 
     Parameters
     ----------

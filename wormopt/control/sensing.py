@@ -79,7 +79,7 @@ def through_sensors(
     believed = _states_of(plant, own) @ seen
     memories = loop.delays[len(plant.delays) :]
     if late and memories:
-        raise ArgumentError(f"{loop.name} remembers what it sees; leave the delay of sensors out")
+        raise ArgumentError(f"{loop.name} has delays already; leave the delay of sensors out")
 
     def put(expression: ca.SX) -> ca.SX:
         return ca.substitute(expression, x, believed)

@@ -29,7 +29,7 @@ def switching_tracker(
     output: str = "length",
     input: str = "input",  # noqa: A002
 ) -> Model:
-    """Close the loop by a linear compensator of which the gain jumps up until it is high enough.
+    """Close the loop by a linear compensator whose gain jumps up until it is high enough.
 
     In the manner of Miller and Davison (IEEE Trans. Autom. Control 36(1), 68-81, 1991): error
     within the tube after a time, and overshoot, both prescribed and as small as one likes, for

@@ -108,8 +108,8 @@ class Course:
             return self
         unit = "" if self.time_unit == "1" else f" {self.time_unit}"
         before = f"{self.gait.period!r}{unit}"
-        said = f"cycle of {cycle!r}{unit}, a multiple of the step, instead of {before}"
-        return replace(self, gait=self.gait.with_period(cycle), remarks=(*self.remarks, said))
+        remark = f"cycle of {cycle!r}{unit}, a multiple of the step, instead of {before}"
+        return replace(self, gait=self.gait.with_period(cycle), remarks=(*self.remarks, remark))
 
     @property
     def units(self) -> tuple[str, str, str, str]:

@@ -28,14 +28,13 @@ def make(course: Course, stem: str) -> dict[str, bytes]:
 
 
 def _comment(lines: Iterable[str]) -> str:
-    """C comment of any text."""
     kept = (line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?") for line in lines)
     return "/* " + "\n * ".join(kept) + "\n */\n"
 
 
 def _header(course: Course, name: str) -> str:
     time, length, rate, acceleration = course.units
-    said = _comment(
+    comment = _comment(
         [
             "Link lengths of a worm, repeated periodically.",
             *course.remarks,
@@ -43,7 +42,7 @@ def _header(course: Course, name: str) -> str:
             "1 means none.",
         ]
     )
-    return f"""{said}
+    return f"""{comment}
 #ifndef {name.upper()}_H
 #define {name.upper()}_H
 
@@ -152,7 +151,7 @@ def _replay(course: Course, name: str, header: str) -> str:
     rows = np.concatenate([gait(at), gait(at, 1), gait(at, 2)]).T
     # effect of the rounding of the time
     size = [float(np.abs(part).max()) or 1.0 for part in np.split(rows, 3, axis=1)]
-    said = _comment(
+    comment = _comment(
         [
             "Compares the tables with samples of the same gait. Compile it with the source beside "
             "it and -lm;",
@@ -160,7 +159,7 @@ def _replay(course: Course, name: str, header: str) -> str:
             *course.remarks,
         ]
     )
-    return f"""{said}
+    return f"""{comment}
 #include "{header}"
 
 #include <math.h>

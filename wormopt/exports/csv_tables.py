@@ -47,7 +47,7 @@ def make(
     if result.kind == "sweep" and step is None and not columns:
         from wormopt.sweeps.gathered import as_csv
 
-        return {f"{stem}.csv": (_said(head) + as_csv(result)).encode()}
+        return {f"{stem}.csv": (_comments(head) + as_csv(result)).encode()}
     own = [v.name for v in result.variables if v.dims == (v.name,)]
     axis = next((a for a in _AXES if a in own), None)
     tables: dict[str, list[Variable]] = {}
@@ -60,15 +60,15 @@ def make(
     if step is not None and axis is None:
         raise ArgumentError(f"{result.scene}: the result has no time; leave the step out")
     made: dict[str, list[Column]] = {}
-    said: dict[str, list[str]] = {}
+    notes: dict[str, list[str]] = {}
     for over, variables in tables.items():
         name = stem if over == axis or len(tables) == 1 else f"{stem}_{over}"
         if axis is not None and over == axis:
-            said[name], made[name] = _over_time(result, axis, variables, step)
+            notes[name], made[name] = _over_time(result, axis, variables, step)
         else:
             made[name] = list(_long(result, variables))
     return {
-        f"{name}.csv": _text([*head, *_kept(said.get(name, []), found)], found)
+        f"{name}.csv": _text([*head, *_kept(notes.get(name, []), found)], found)
         for name, found in _chosen(made, columns).items()
     }
 
@@ -99,12 +99,12 @@ def _is_of(column: str, name: str) -> bool:
     return column == name or re.fullmatch(re.escape(name) + r"(_\d+)+", column) is not None
 
 
-def _kept(said: list[str], columns: Sequence[Column]) -> list[str]:
+def _kept(remarks: list[str], columns: Sequence[Column]) -> list[str]:
     """Remarks on a table; that for reading back a gait requires the gait's columns."""
     names = [name for name, _, _ in columns]
     return [
         line
-        for line in said
+        for line in remarks
         if not (signal := signal_of(line)) or any(_is_of(name, signal) for name in names)
     ]
 
@@ -126,13 +126,13 @@ def _cycle(result: Result, step: float) -> tuple[list[str], list[Column]]:
     ], columns
 
 
-def _said(lines: Sequence[str]) -> str:
+def _comments(lines: Sequence[str]) -> str:
     return "".join(f"# {line}\n" for line in lines)
 
 
-def _text(said: Sequence[str], columns: Sequence[Column]) -> bytes:
+def _text(remarks: Sequence[str], columns: Sequence[Column]) -> bytes:
     stream = io.StringIO()
-    stream.write(_said(said))
+    stream.write(_comments(remarks))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([f"{name} [{unit}]" for name, unit, _ in columns])
     writer.writerows(zip(*([repr(v) for v in c.tolist()] for _, _, c in columns), strict=True))
@@ -168,11 +168,11 @@ def _over_time(
     if step is None:
         return back, columns
     every = f"{step!r} {result[axis].unit}".removesuffix(" 1")
-    said = f"every {every}, between samples linearly, whole numbers as they were before"
+    remark = f"every {every}, between samples linearly, whole numbers as they were before"
     if exact:
-        said += f"; by the gait's own formulas: {', '.join(exact)}"
+        remark += f"; by the gait's own formulas: {', '.join(exact)}"
         back = [*Course.of(result).rounding, *back]
-    return [said, *back], columns
+    return [remark, *back], columns
 
 
 def _between(at: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:

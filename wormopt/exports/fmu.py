@@ -36,7 +36,7 @@ from wormopt.model.values import signal_values
 from wormopt.quantities import UNITS, unit_of
 from wormopt.result import Result
 from wormopt.shown import one_line
-from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, said
+from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, error_output
 from wormopt.simulation.options import Smooth
 from wormopt.study.scene import scene_of_text
 
@@ -119,8 +119,8 @@ def _timed(plant: Plant) -> bool:
     """Whether the model depends on time itself."""
     model = plant.model
     outputs = (ca.vec(o.expression) for o in model.outputs)
-    said = ca.vertcat(model.ode, model.contact_velocities, *outputs)
-    return len(model.schedules) > 0 or bool(ca.depends_on(said, model.t))
+    expressions = ca.vertcat(model.ode, model.contact_velocities, *outputs)
+    return len(model.schedules) > 0 or bool(ca.depends_on(expressions, model.t))
 
 
 def _description(plant: Plant) -> str:
@@ -146,10 +146,10 @@ def plants_of(what: object) -> list[Plant]:
             f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "
             "take one of kind simulate or track"
         )
-    treatment, said = scene.table.contact.options, remarks(what)
+    treatment, notes = scene.table.contact.options, remarks(what)
     v_reg = treatment.v_reg if isinstance(treatment, Smooth) else Smooth().v_reg
     return [
-        Plant(model, v_reg, scene.table.units, (*said, label) if label else tuple(said))
+        Plant(model, v_reg, scene.table.units, (*notes, label) if label else tuple(notes))
         for label, model in models.items()
     ]
 
@@ -271,5 +271,5 @@ def _compiled(name: str) -> tuple[str, str]:
     # the command is the user's own compiler
     done = subprocess.run(call, capture_output=True, check=False)  # noqa: S603
     if done.returncode:
-        raise ArgumentError(f"{' '.join(command)} cannot compile the FMU:\n{said(done)}")
+        raise ArgumentError(f"{' '.join(command)} cannot compile the FMU:\n{error_output(done)}")
     return library, f"binaries/{_MACHINES.get(machine, machine)}-{system}/{library}"

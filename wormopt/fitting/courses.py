@@ -256,11 +256,11 @@ class Waves(Choice):
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
         cosine, sine = self._amplitudes(chosen)
-        told = {self._names[2]: float(self._turns(chosen)[0])}
+        named = {self._names[2]: float(self._turns(chosen)[0])}
         for name, part in zip(self._names[:2], (cosine, sine), strict=True):
-            told |= {
+            named |= {
                 f"{name}_{j}_{k + 1}": float(part[j, k])
                 for j in range(part.shape[0])
                 for k in range(part.shape[1])
             }
-        return told
+        return named

@@ -158,7 +158,7 @@ class Fit:
         return {b.signal: self.task.deviation(b.run, b.signal) for b in self.task.blocks}
 
     def continuity(self, nodes: int = 6) -> float:
-        """Measure how well the motions found hang together.
+        """Measure the discontinuity of the motions found.
 
         Parameters
         ----------

@@ -353,11 +353,11 @@ class Experiment:
             return found[0]
         motion = self.motion(chosen, np.linspace(0.0, self.end, looks))
         for name, (low, high) in self.limits.items():
-            told = [end for end in (low, high) if np.isfinite(end)]
-            size = high - low if len(told) == 2 else max(abs(told[0]), 1e-30)
+            finite = [end for end in (low, high) if np.isfinite(end)]
+            size = high - low if len(finite) == 2 else max(abs(finite[0]), 1e-30)
             values = motion[name].ravel()
-            found += [(values - high) / size] * (high in told)
-            found += [(low - values) / size] * (low in told)
+            found += [(values - high) / size] * (high in finite)
+            found += [(low - values) / size] * (low in finite)
         return np.concatenate(found)
 
 

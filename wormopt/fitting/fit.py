@@ -106,9 +106,9 @@ def fit(
             report("estimating noise", None)
             task, best = _with_levels(task, best, estimated)
     except KeyboardInterrupt:
-        partial = _told(asked, task, points[0], ends, "interrupted") if points else None
+        partial = _fit_of(asked, task, points[0], ends, "interrupted") if points else None
         raise Interrupted(partial) from None
-    return _told(asked, task, best, ends)
+    return _fit_of(asked, task, best, ends)
 
 
 def _of_starts(
@@ -172,7 +172,7 @@ def _with_levels(
     return task, best
 
 
-def _told(
+def _fit_of(
     asked: FitTask, task: FitTask, best: Descent, ends: list[Attempt], reason: str = ""
 ) -> Fit:
     """Make the Fit with warnings; `asked` is the task before noise was estimated."""
@@ -194,8 +194,8 @@ def _told(
         warnings.append(f"{len(ends) - same} of {len(ends)} starts ended elsewhere, see starts")
     if strange:
         warnings.append(
-            f"{'; '.join(strange)}: the model does not tell all, or the search ended at a wrong "
-            "place, or a clock, a unit or a column is wrong"
+            f"{'; '.join(strange)}: the model is incomplete, the search ended in a wrong minimum, "
+            "or a clock, a unit or a column is wrong"
         )
     warnings += (f"{name} is at its bound" for name in found.at_bound)
     reason = reason or _failing(found, strange)
@@ -212,24 +212,24 @@ def _failing(found: Fit, strange: list[str]) -> str:
     names, same, held = found.names, sum(end.agrees for end in found.starts), found.at_bound
     if strange and 2 * len(held) >= len(names):
         return (
-            f"{len(held)} of {len(names)} numbers lie at their bounds, and {strange[0]}; look at "
+            f"{len(held)} of {len(names)} unknowns are at their bounds, and {strange[0]}; check "
             "units, signs and columns, or write wider bounds"
         )
     if found.offset >= ARRIVED:
         return (
-            f"the bottom was not reached: {found.offset:.2g} standard errors are left; events may "
-            "appear or vanish there, or other starts help"
+            f"the search did not reach a minimum: {found.offset:.2g} standard errors are left; "
+            "events may appear or vanish there; try other starts"
         )
     still = np.flatnonzero(~np.any(found.jacobian, axis=0))
     if strange and still.size:
         return (
             f"the motion does not depend on {', '.join(names[k] for k in still)} here, and does "
-            "not fit; begin with other numbers, at which it does"
+            "not fit; write starts at which it depends on them"
         )
     if strange and len(found.starts) > 1 and same < 2:
         return (
-            f"the best of {len(found.starts)} starts is alone, and {strange[0]}; begin with other "
-            "numbers or from more starts, or look at what else the model is told"
+            f"only one of {len(found.starts)} starts found the best fit, and {strange[0]}; write "
+            "other or more starts, or check the other values of the model"
         )
     return ""
 

@@ -72,10 +72,10 @@ class Knowledge:
         given = np.array(covariance, dtype=float)
         if given.shape != (len(names), len(names)) or np.any(np.isnan(given)):
             raise ArgumentError(f"covariance must be {len(names)} by {len(names)} numbers")
-        told = np.isfinite(np.diag(given))
-        inner = given[np.ix_(told, told)]
-        root = np.zeros((told.sum(), len(names)))
-        root[:, told] = _inverse_root(inner)
+        finite = np.isfinite(np.diag(given))
+        inner = given[np.ix_(finite, finite)]
+        root = np.zeros((finite.sum(), len(names)))
+        root[:, finite] = _inverse_root(inner)
         return cls(tuple(names), root)
 
     def after(self, jacobian: ArrayLike) -> Knowledge:

@@ -72,7 +72,7 @@ def unexplained(asked: FitTask, task: FitTask, plain: np.ndarray) -> Iterator[st
         yield f"residuals are {max(sizes):.2g} times the {which}"
     chances = [p for block in task.blocks for p in _chances(block, left)]
     if min(chances, default=1.0) < _LACKING:
-        yield f"residuals hang together as noise never does (p = {min(chances):.1g})"
+        yield f"residuals are correlated, unlike noise (p = {min(chances):.1g})"
 
 
 def _chances(block: Block, left: np.ndarray) -> Iterator[float]:

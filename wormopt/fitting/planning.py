@@ -181,8 +181,8 @@ def plan_experiment(
         drawn = search.draw(rivals, seed, report)
         first = drawn[:starts]
         for number, rival in enumerate(first):
-            told, done = f"search {number + 1} of {len(first)}", number / len(first)
-            ends.append(search.improve(rival.chosen, partial(report, told, done)))
+            text, done = f"search {number + 1} of {len(first)}", number / len(first)
+            ends.append(search.improve(rival.chosen, partial(report, text, done)))
         report("rechecking", None)
         return search.plan(drawn, ends)
     except KeyboardInterrupt:
@@ -256,10 +256,10 @@ class _Search:
 
     def _refuse(self, known: Knowledge) -> None:
         names = known.unseen[0] if known.unseen else {}
-        told = ", ".join(f"{share:+.3g} {name}" for name, share in names.items())
+        listed = ", ".join(f"{share:+.3g} {name}" for name, share in names.items())
         raise SolveError(
-            f"no experiment that was drawn tells what is wanted: nothing changes with {told}",
-            "measure something else, take more for known, or want less",
+            f"no experiment identifies the wanted unknowns: nothing changes with {listed}",
+            "measure other signals, fix more parameters, or want fewer unknowns",
             code="not_told",
         )
 

@@ -129,34 +129,34 @@ class Recording:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Likely errors in the recording."""
-        told = []
+        found = []
         for name, rows in self.readings.items():
             still = [k for k, row in enumerate(rows) if _still(row)]
             if still:
                 entries = ", ".join(f"{name}[{k}]" for k in still)
-                told.append(f"{self.name}: {entries} keeps one value all the time")
+                found.append(f"{self.name}: {entries} keeps one value all the time")
             for turn, words in ((2 * np.pi, "2π"), (360.0, "360")):
                 wrapped = [k for k, row in enumerate(rows) if _is_wrapped(row, turn)]
                 if wrapped:
                     entries = ", ".join(f"{name}[{k}]" for k in wrapped)
-                    told.append(
+                    found.append(
                         f"{self.name}: {entries} jumps by about {words}, as angles do that are "
                         f"recorded modulo a turn; if it is one, write it in rad, and "
                         f'unwrap = ["{name}"]'
                     )
             if name in self.unwrap:
                 for k, row in enumerate(rows):
-                    told += [
+                    found += [
                         f"{self.name}: {name}[{k}] {what}" for what in guesses(self.times, row)
                     ]
             sizes = np.array([np.nanmax(np.abs(row), initial=0.0) for row in rows])
             moving = sizes[sizes > 0]
             if moving.size and moving.max() > APART * moving.min():
-                told.append(
+                found.append(
                     f"{self.name}: entries of {name} differ {moving.max() / moving.min():.0f} "
                     "times in size; look at their units"
                 )
-        return tuple(told)
+        return tuple(found)
 
 
 def _check_times(name: str, times: np.ndarray) -> None:

@@ -437,13 +437,13 @@ class FitTask:
     def warnings(self) -> tuple[str, ...]:
         """Likely errors in the recordings."""
         usual = {state.name: state.nominal for state in self.model.x}
-        told = [line for run in self.runs for line in run.warnings]
+        found = [line for run in self.runs for line in run.warnings]
         for run in self.runs:
             for signal in set(run.readings) & set(usual):
                 times = float(np.nanmax(np.abs(run.readings[signal]))) / usual[signal]
                 if times > APART or 0 < times < 1 / APART:
-                    told.append(
+                    found.append(
                         f"{run.name}: readings of {signal} are {times:.2g} times what is usual "
                         "for the model; look at their unit"
                     )
-        return tuple(told)
+        return tuple(found)

@@ -31,7 +31,7 @@ def spectrum(jacobian: np.ndarray, nominal: np.ndarray) -> tuple[np.ndarray, np.
     return s, rows.T
 
 
-def told_by(
+def identified_by(
     spectrum: tuple[np.ndarray, np.ndarray], error: float | None = None
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Number of identifiable singular values, with errors up to `error`, and unknowns.
@@ -52,7 +52,7 @@ def _parts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Finite part of the scaled covariance, and the projector on unidentifiable directions."""
     s, v = spectrum
-    rank, _, lost = told_by(spectrum, error)
+    rank, _, lost = identified_by(spectrum, error)
     finite = (v[:, :rank] / s[:rank] ** 2) @ v[:, :rank].T
     open_ = v[:, rank:] @ v[:, rank:].T
     apart = np.abs(open_) <= _ROUND * np.sqrt(np.outer(np.diag(open_), np.diag(open_)))
@@ -100,8 +100,8 @@ def offset_of(residuals: np.ndarray, jacobian: np.ndarray, free: np.ndarray) -> 
     small = triangle(np.column_stack([jacobian[:, free], residuals]))
     size = np.linalg.norm(small[:n, :n], axis=0)
     basis, s, _ = np.linalg.svd(small[:n, :n] / np.where(size > 0, size, 1.0))
-    told = s > TOLD * s.max()
-    return float(np.linalg.norm(basis[:, told].T @ small[:n, n]) / np.sqrt(n))
+    identified = s > TOLD * s.max()
+    return float(np.linalg.norm(basis[:, identified].T @ small[:n, n]) / np.sqrt(n))
 
 
 def leverages(jacobian: np.ndarray) -> np.ndarray:
@@ -109,5 +109,5 @@ def leverages(jacobian: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(jacobian, axis=0)
     scaled = jacobian / np.where(size > 0, size, 1.0)
     s, v = spectrum(scaled, np.ones(len(size)))
-    told = s > TOLD * s.max(initial=0.0)
-    return np.sum((scaled @ (v[:, told] / s[told])) ** 2, axis=1)
+    identified = s > TOLD * s.max(initial=0.0)
+    return np.sum((scaled @ (v[:, identified] / s[identified])) ** 2, axis=1)

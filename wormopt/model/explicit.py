@@ -81,7 +81,7 @@ class Explicit:
         if len(self.model.z) > 0:
             raise ArgumentError(f"{self.model.name} has algebraic variables; solve for them first")
         if getattr(self.model, "delays", ()):
-            raise ArgumentError(f"{self.model.name} has delays: its states do not tell its rates")
+            raise ArgumentError(f"{self.model.name} has delays: states do not determine its rates")
         self.model.check_laws()
         _ = self.outputs
 

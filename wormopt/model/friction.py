@@ -24,7 +24,7 @@ Expression = ca.SX | float
 class Law(Protocol):
     """Friction law as solvers use it; forces act on the worm, velocities are those of the contact.
 
-    A law is told once and read in two ways: ``smooth`` is the regularised force, ``slip_force``
+    A law has two forms: ``smooth`` is the regularised force, ``slip_force``
     and ``stick_interval`` are the set-valued law itself. Each is the limit of the other as
     ``v_reg`` tends to 0.
 

@@ -247,9 +247,9 @@ class Gait:
     def _header(self, derivatives: int, units: Literal["dimensionless", "SI"]) -> Iterator[str]:
         kinds = ("length", "speed", "acceleration")
         unit = [unit_of(quantity, units) for quantity in ("time", *kinds)]
-        told = ["" if u == "1" else f" [{u}]" for u in unit]
-        yield f"time{told[0]}"
-        for name, its in zip(_COLUMNS[: derivatives + 1], told[1:], strict=False):
+        suffixes = ["" if u == "1" else f" [{u}]" for u in unit]
+        yield f"time{suffixes[0]}"
+        for name, its in zip(_COLUMNS[: derivatives + 1], suffixes[1:], strict=False):
             yield from (f"{name}_{j}{its}" for j in range(self.links))
 
     @classmethod
@@ -284,8 +284,8 @@ class Gait:
         """
         from wormopt.model.gait_table import read_gait  # which loads SciPy
 
-        breaks, polynomial, said = read_gait(Path(path), units)
-        return cls(breaks, polynomial, warnings=said)
+        breaks, polynomial, warnings = read_gait(Path(path), units)
+        return cls(breaks, polynomial, warnings=warnings)
 
 
 def _instants(period: float, samples: int, step: float | None) -> np.ndarray:

@@ -91,10 +91,10 @@ def _roles(table: TextTable) -> tuple[str, list[str], tuple[str, str] | None]:
     """Column of times, columns of lengths, and cycle and unit if the file gives them."""
     names = list(table.values)
     time = next((name for name in names if name.lower() in ("t", "time")), names[0])
-    said = next((m for m in map(_OF_GAIT.fullmatch, table.remarks) if m), None)
-    if said is not None:
-        own = [name for name in names if re.fullmatch(rf"{said['signal']}_\d+", name)]
-        return time, own, (said["cycle"], said["unit"] or "")
+    remark = next((m for m in map(_OF_GAIT.fullmatch, table.remarks) if m), None)
+    if remark is not None:
+        own = [name for name in names if re.fullmatch(rf"{remark['signal']}_\d+", name)]
+        return time, own, (remark["cycle"], remark["unit"] or "")
     own = [name for name in names if re.fullmatch(r"length(_\d+)?", name)]
     if not own or not time.startswith("time"):
         own = [name for name in names if name != time and not name.startswith(_SKIPPED)]
@@ -248,7 +248,7 @@ class _Rows:
         """Breaks, polynomials (pieces, n, 4), and warnings."""
         breaks = np.unique(self.t)
         found = np.empty((len(breaks) - 1, len(self.names), 4))
-        said: list[str] = []
+        warnings: list[str] = []
         for link, name in enumerate(self.names):
             there = np.isfinite(self.lengths[link])
             count = int(np.sum(~there))
@@ -257,10 +257,10 @@ class _Rows:
                     f": column {name} has {there.sum()} numbers; write at least {_FEWEST_ROWS} rows"
                 )
             if count:
-                said.append(f"column {name}: {count} gaps are bridged by interpolation")
+                warnings.append(f"column {name}: {count} gaps are bridged by interpolation")
             found[:, link], more = self._link(link, there, breaks)
-            said += more
-        return breaks, found, tuple(said)
+            warnings += more
+        return breaks, found, tuple(warnings)
 
     def _link(
         self, link: int, there: np.ndarray, breaks: np.ndarray
@@ -269,7 +269,7 @@ class _Rows:
         lines, name = np.array(self.lines)[there], self.names[link]
         size = max(float(np.ptp(lengths)), _CLOSED * float(lengths.max()))
         ends = [0, *(np.flatnonzero(np.diff(t) == 0) + 1), len(t)]
-        found, said = np.empty((len(breaks) - 1, 4)), list[str]()
+        found, warnings = np.empty((len(breaks) - 1, 4)), list[str]()
         for first, last in pairwise(ends):
             if last - first < 2:  # a break at 0 or at the period
                 continue
@@ -281,19 +281,19 @@ class _Rows:
             at = ", ".join(map(str, beyond[:_NAMED])) + ", ..." * (len(beyond) > _NAMED)
             if excess.max() > _as_a_sine(last - first - 1) or _least(spline) <= 0:
                 spline = _pchip(t[part], lengths[part], periodic=whole)
-                said.append(
+                warnings.append(
                     f"column {name} is steep (after line {at}): its lengths are interpolated by "
                     "PCHIP, whose accelerations jump at the rows; write more rows there"
                 )
             elif beyond.size:
-                said.append(
+                warnings.append(
                     f"column {name}: the spline adds up to {100 * excess.max():.2g} % to the range "
                     f"of the table (after line {at}); write more rows there"
                 )
             inside = (breaks[:-1] >= t[first]) & (breaks[:-1] < t[last - 1])
             for k in range(4):
                 found[inside, k] = spline(breaks[:-1][inside], k) / math.factorial(k)
-        return found, said
+        return found, warnings
 
 
 # -- interpolation ---------------------------------------------------------------------------------

@@ -55,7 +55,6 @@ def _check_column(whose: str, what: str, given: ca.SX, size: int, things: str) -
 
 
 def _check_names(whose: str, what: str, names: Sequence[str]) -> None:
-    """Refuse duplicate names."""
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise ArgumentError(
@@ -473,7 +472,7 @@ class Model:
             return
         name = next(c.name for c in self.contacts if ca.depends_on(c.velocity, forces))
         raise ArgumentError(
-            f"contact {name}: velocity holds forces of contacts; write it by the states"
+            f"contact {name}: velocity contains forces of contacts; write it by the states"
         )
 
     def check_laws(self) -> None:
@@ -509,10 +508,10 @@ class Model:
 
     def __repr__(self) -> str:
         parts = {"states": self.x, "algebraic": self.z, "inputs": self.u, "parameters": self.p}
-        told = [f"{what} {listed(signals)}" for what, signals in parts.items() if signals]
+        known = [f"{what} {listed(signals)}" for what, signals in parts.items() if signals]
         touching = ", ".join(contact.name for contact in self.contacts)
         contacts = f"contacts {touching}" if touching else "no contacts"
-        return lines(f"Model {self.name}: {'; '.join(told[:1])}; {contacts}", "; ".join(told[1:]))
+        return lines(f"Model {self.name}: {'; '.join(known[:1])}; {contacts}", "; ".join(known[1:]))
 
     @property
     def n_x(self) -> int:
@@ -534,7 +533,7 @@ class Model:
         """
         if self.delays:
             names = ", ".join(delay.name for delay in self.delays)
-            raise ArgumentError(f"{what} knows no delays, and {self.name} has some: {names}")
+            raise ArgumentError(f"{what} does not support delays, and {self.name} has {names}")
 
     @property
     def forces(self) -> ca.SX:

@@ -54,11 +54,11 @@ class SampledMotion(ABC):
         for name in self.names if len(self.time) else ():
             values = np.atleast_2d(self[name])
             for j, row in enumerate(values):
-                told = f"{name}_{j}" if len(values) > 1 else name
+                label = f"{name}_{j}" if len(values) > 1 else name
                 first, last, least, most = (
                     text(float(number), SHORT) for number in (row[0], row[-1], row.min(), row.max())
                 )
-                rows.append((told, first, last, least, most))
+                rows.append((label, first, last, least, most))
         left = len(rows) - 1 - _MOST_ROWS
         cut = f"; {left} more rows are left out" if left > 0 else ""
         return Part(f"{len(self.time)} instants{cut}", rows[: _MOST_ROWS + 1])

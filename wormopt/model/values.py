@@ -42,9 +42,9 @@ def column(name: str, given: object, size: int) -> np.ndarray:
     array = numbers(name, given)
     if array.shape not in ((), (1,), (size,), (1, 1), (size, 1)):
         entries, given = "entry" if size == 1 else "entries", array.size
-        told = f"{given}" if array.ndim < 2 else f"the shape {array.shape}"
+        shown = f"{given}" if array.ndim < 2 else f"the shape {array.shape}"
         wanted = "one number" if size == 1 else f"one number or a list of {size}"
-        raise ArgumentError(f"{name} has {size} {entries}, not {told}; write {wanted}")
+        raise ArgumentError(f"{name} has {size} {entries}, not {shown}; write {wanted}")
     return array.ravel()
 
 

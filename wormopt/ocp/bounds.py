@@ -162,7 +162,6 @@ class ProgramBounds:
                 )
 
     def _schedules(self, starts: np.ndarray) -> np.ndarray:
-        """Values of schedules, arc after arc."""
         columns = []
         for schedule in self.problem.model.schedules:
             begin, piece = schedule.locate(starts)
@@ -256,7 +255,6 @@ class ProgramBounds:
         return rows
 
     def _along_rows(self, k: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Bounds along arc k."""
         d = self.mesh.collocation.degree
         ends = self.problem.impulses or k == self.mesh.total - 1
         rows = []

@@ -47,7 +47,7 @@ class Treatment(Protocol):
 
 @dataclass(frozen=True)
 class FixedModes:
-    """Which contact sticks or slides is told phase by phase; switching times are left free.
+    """Prescribes which contact sticks or slides in each phase; switching times are free.
 
     Between switches everything is smooth, so that collocation keeps its full order. A contact may
     leave rest before its force reaches stiction: a simulation tells whether that was so.

@@ -111,16 +111,16 @@ class Optimum:
     bounds: Bounds
 
     def __repr__(self) -> str:
-        return lines(f"Optimum: {self._told}", repr(self.motion).partition("\n")[0])
+        return lines(f"Optimum: {self._summary}", repr(self.motion).partition("\n")[0])
 
     @property
-    def _told(self) -> str:
+    def _summary(self) -> str:
         how = type(self.treatment).__name__
         ended = f"{self.solution.status}, {self.iterations} iterations"
         return f"objective {self.objective:.9g} ({ended}; contacts: {how})"
 
     def _repr_html_(self) -> str:
-        return html(f"Optimum: {self._told}", [self.motion.overview()])
+        return html(f"Optimum: {self._summary}", [self.motion.overview()])
 
     def plot(self, *names: str) -> Figure:
         """Draw signals of the motion over time, see `SampledMotion.plot`."""
@@ -402,7 +402,7 @@ def refine(
     Returns
     -------
     Optimum
-        The last one; whether it got there its ``defects`` tell.
+        The last one; its ``defects`` show whether it reached the tolerance.
 
     Raises
     ------

@@ -138,8 +138,8 @@ def fact(result: Result, name: str, words: str = "", unit: str = "") -> str:
     times = _multiple(known.unit, unit)
     unit = unit if times else known.unit
     times = times or 1.0
-    told = f"{words or name.replace('_', ' ')} {number(times * known.value)}"
-    return f"{told}\N{NO-BREAK SPACE}{raised(unit or known.unit)}".rstrip()
+    described = f"{words or name.replace('_', ' ')} {number(times * known.value)}"
+    return f"{described}\N{NO-BREAK SPACE}{raised(unit or known.unit)}".rstrip()
 
 
 def _multiple(unit: str, wanted: str) -> float | None:

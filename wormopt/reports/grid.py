@@ -88,10 +88,10 @@ class Grid:
 
     def says(self, variable: Variable, point: int, best: bool) -> str:
         """Describe a point by its position, and its number or the reason why it has none."""
-        told = number(self.value(variable, point), 4)
+        shown = number(self.value(variable, point), 4)
         if not self.good(variable, point):
-            told = STATUS[self.states[point]] if self.states[point] else "unknown"
-        return f"{self.place(point)}: {told}{', best' if best else ''}"
+            shown = STATUS[self.states[point]] if self.states[point] else "unknown"
+        return f"{self.place(point)}: {shown}{', best' if best else ''}"
 
     def results(self, most: int) -> Iterator[tuple[int, Result]]:
         """Load saved results of at most this many points, spread evenly."""
@@ -109,9 +109,9 @@ class Grid:
 def grid_of(source: Source) -> Grid:
     """Read a result of kind sweep."""
     result = as_typed(source.result)
-    said = result.attributes["axes"]
-    axes = tuple(_axis(result, axis["key"], axis["dim"], axis.get("values")) for axis in said)
-    names = {axis["dim"] for axis in said}
+    given = result.attributes["axes"]
+    axes = tuple(_axis(result, axis["key"], axis["dim"], axis.get("values")) for axis in given)
+    names = {axis["dim"] for axis in given}
     dims = result["status"].dims
     numbers = [v for v in result.variables if v.dims == dims and v.name not in {"status", *names}]
     numbers.sort(key=lambda v: (v.name == "seconds", *_rank(v.name)))
@@ -122,7 +122,7 @@ def grid_of(source: Source) -> Grid:
     files = [_file(source.folder, result.scene, name) for name in points]
     return Grid(
         axes,
-        dims == tuple(axis["dim"] for axis in said),
+        dims == tuple(axis["dim"] for axis in given),
         tuple(numbers),
         tuple(int(s) if 0 <= s < len(STATUS) else 1 for s in states),
         tuple(str(reasons[k] or "") if k < len(reasons) else "" for k in range(count)),

@@ -74,14 +74,14 @@ def dot(
 ) -> str:
     """Draw a clickable point, as a cross if it has no number."""
     x, y = at
-    said = escaped(grid.says(variable, point, best))
+    label = escaped(grid.says(variable, point, best))
     shape = f'<path d="M{x - 5:.1f} {y - 5:.1f}l10 10m0 -10l-10 10"/>'
     if grid.good(variable, point):
         style = f' style="fill:{colour}"' if colour else ""
         shape = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{8 if best else 5.5}"{style}/>'
     return (
         f'<a class="cell dot{" best" if best else ""}" data-point="{point}" href="{target}" '
-        f'aria-label="{said}"><title>{said}</title><circle class="reach" cx="{x:.1f}" '
+        f'aria-label="{label}"><title>{label}</title><circle class="reach" cx="{x:.1f}" '
         f'cy="{y:.1f}" r="14"/>{shape}</a>'
     )
 

@@ -50,18 +50,18 @@ def _cell(
     span: tuple[float, float, int | None],
 ) -> str:
     low, high, best = span
-    said = escaped(grid.says(variable, point, point == best))
-    told, kind, style = number(grid.value(variable, point), 3), "cell", ""
+    label = escaped(grid.says(variable, point, point == best))
+    shown, kind, style = number(grid.value(variable, point), 3), "cell", ""
     if grid.good(variable, point):
         colour = shade(grid.value(variable, point), low, high)
         style = f' style="background:{colour};color:{ink_on(colour)}"'
         kind += " best" if point == best else ""
     else:
         state = grid.states[point] or 3
-        told, kind = _SIGNS.get(state, "·"), f"cell state{state}"
+        shown, kind = _SIGNS.get(state, "·"), f"cell state{state}"
     return (
-        f'<td><a class="{kind}" data-point="{point}" href="{target}" title="{said}" '
-        f'aria-label="{said}"{style}>{told}</a></td>'
+        f'<td><a class="{kind}" data-point="{point}" href="{target}" title="{label}" '
+        f'aria-label="{label}"{style}>{shown}</a></td>'
     )
 
 

@@ -54,11 +54,11 @@ def headline_html(result: Result) -> str:
 
 
 def _answer(name: str, found: Scalar, meaning: str) -> str:
-    told = value_text(found.value, "1", 5)
-    kind = "long" if len(told) > _LONG else "short"
+    shown = value_text(found.value, "1", 5)
+    kind = "long" if len(shown) > _LONG else "short"
     return (
         f'<div class="{kind}"><dt>{escaped(name_text(name))}</dt>'
-        f'<dd><span class="value">{escaped(told)}</span> '
+        f'<dd><span class="value">{escaped(shown)}</span> '
         f'<span class="unit">{escaped(unit_text(found.unit))}</span></dd>'
         f'<dd class="meaning">{marked(meaning)}</dd></div>'
     )
@@ -133,7 +133,7 @@ def _differences(results: Sequence[Result]) -> list[list[str]]:
     different = _different(results)
     if len({result.kind for result in results}) > 1 or len(different) > _MOST_DIFFERENCES:
         return []
-    return [[f"<code>{escaped(path)}</code>", *told] for path, told in different.items()]
+    return [[f"<code>{escaped(path)}</code>", *values] for path, values in different.items()]
 
 
 def _different(results: Sequence[Result]) -> dict[str, list[str]]:
@@ -153,11 +153,11 @@ def told_apart(result: Result, results: Sequence[Result]) -> str:
     if len({r.kind for r in alike}) == len(alike) > 1:
         return f"kind {escaped(result.kind)}"
     at = alike.index(result)
-    told = [
+    shown = [
         f"<code>{escaped(path)}</code> = {each[at]}" for path, each in _different(alike).items()
     ]
-    more = f" and {len(told) - _FEW} keys more" if len(told) > _FEW else ""
-    return ", ".join(told[:_FEW]) + more
+    more = f" and {len(shown) - _FEW} keys more" if len(shown) > _FEW else ""
+    return ", ".join(shown[:_FEW]) + more
 
 
 def _comparable(name: str, results: Sequence[Result]) -> bool:
@@ -176,10 +176,10 @@ def _row(name: str, results: Sequence[Result]) -> list[str]:
         if s is None:
             cells.append("–")
             continue
-        told = escaped(value_text(s.value, "1" if one_unit else s.unit))
-        if result.status != "failed" and told == best:
-            told = f'<strong>{told}</strong> <span class="best">best</span>'
-        cells.append(told)
+        cell = escaped(value_text(s.value, "1" if one_unit else s.unit))
+        if result.status != "failed" and cell == best:
+            cell = f'<strong>{cell}</strong> <span class="best">best</span>'
+        cells.append(cell)
     shown = f' <span class="unit">{escaped(unit)}</span>' if unit else ""
     return [f"{escaped(name_text(name))}{shown}", *cells]
 

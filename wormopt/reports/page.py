@@ -122,9 +122,9 @@ def _summary(result: Result) -> str:
     kind = (
         str(result.attributes.get("kind", result.kind)) if result.kind == "sweep" else result.kind
     )
-    told = sentence(KINDS[kind].summary) if kind in KINDS else ""
+    summary = sentence(KINDS[kind].summary) if kind in KINDS else ""
     swept = "A sweep. " if result.kind == "sweep" else ""
-    return f"{swept}{told} Kind of scene: {kind}.".strip()
+    return f"{swept}{summary} Kind of scene: {kind}.".strip()
 
 
 def _provenance(source: Source) -> str:
@@ -139,5 +139,5 @@ def _provenance(source: Source) -> str:
         (f"time to {name}" if name != "study" else "time in all", value_text(spent, "s", 3))
         for name, spent in result.timings_s.items()
     ]
-    told = "".join(f"<dt>{escaped(n)}</dt><dd>{escaped(value)}</dd>" for n, value in rows)
-    return f'<dl class="facts">{told}</dl>{again_html(result)}'
+    facts = "".join(f"<dt>{escaped(n)}</dt><dd>{escaped(value)}</dd>" for n, value in rows)
+    return f'<dl class="facts">{facts}</dl>{again_html(result)}'

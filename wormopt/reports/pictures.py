@@ -78,8 +78,8 @@ def _picture(result: Result, name: str, prefix: str) -> Picture:
 
 def _caption(source: str) -> str:
     module, _, function = source.partition(":")
-    said = inspect.getdoc(getattr(import_module(module), function)) or ""
-    return " ".join(said.split("\n\n")[0].split())
+    doc = inspect.getdoc(getattr(import_module(module), function)) or ""
+    return " ".join(doc.split("\n\n")[0].split())
 
 
 def _embedded(svg: str, prefix: str, caption: str) -> str:

@@ -21,7 +21,7 @@ def report(
 
     The page holds what was asked and found, pictures, the worm moving, checks and warnings, and
     the scene to run again. It loads nothing from elsewhere, can be read without scripts and on
-    paper, and has at most 5 MB. File names in it are bare: no folder of this machine is told.
+    paper, and has at most 5 MB. File names in it have no folders of this machine.
 
     Parameters
     ----------

@@ -56,22 +56,21 @@ def sweep_html(source: Source, ident: str, room: float) -> str:
 
 def _states_text(grid: Grid) -> str:
     counts = [sum(state == k for state in grid.states) for k in range(len(STATUS))]
-    told = ", ".join(f"{n} {STATUS[k]}" for k, n in enumerate(counts) if n)
+    counted = ", ".join(f"{n} {STATUS[k]}" for k, n in enumerate(counts) if n)
     keys = [f"<code>{escaped(axis.key)}</code>" for axis in grid.axes]
     over = " and ".join([", ".join(keys[:-1]), keys[-1]] if keys[1:] else keys)
-    return f"{len(grid.states)} points over {over}: {told}. Choose a point to see it."
+    return f"{len(grid.states)} points over {over}: {counted}. Choose a point to see it."
 
 
 def _choice(grid: Grid, variable: Variable, ident: str, targets: list[str], k: int) -> str:
-    """One number over the sweep."""
     unit = unit_text(variable.unit)
     name = f"{words_of(variable)}{f' ({unit})' if unit else ''}"
     draw = line_html if len(grid.axes) == 1 else map_html if grid.lattice else scatter_html
     body = draw(grid, variable, targets)
-    said = (
+    meaning = (
         sentence(variable.long_name) if name_text(variable.long_name) != words_of(variable) else ""
     )
-    caption = f"<strong>{escaped(name)}</strong> {escaped(said)}"
+    caption = f"<strong>{escaped(name)}</strong> {escaped(meaning)}"
     return (
         f'<figure class="map" id="{ident}-map{k}"><figcaption>{caption}</figcaption>{body}</figure>'
     )
@@ -106,7 +105,6 @@ def _blocks(grid: Grid, ident: str, room: float) -> dict[int, str]:
 
 
 def _table(grid: Grid, ident: str, targets: list[str], opened: bool) -> str:
-    """All points with their numbers."""
     if len(grid.states) > _MOST_ROWS:
         return f"<p>The numbers of all {len(grid.states)} points stand in the result.</p>"
     numbers = grid.numbers[: max(1, min(12, 30_000 // len(grid.states)))]
@@ -129,8 +127,8 @@ def _table_row(
         f'<a class="cell row" data-point="{point}" href="{targets[point]}">{escaped(places[0])}</a>'
     )
     state, why = STATUS[grid.states[point]], grid.reasons[point]
-    told = escaped(f"{state}: {why}" if why else state)
-    cells = [first, *map(escaped, places[1:]), told]
+    status = escaped(f"{state}: {why}" if why else state)
+    cells = [first, *map(escaped, places[1:]), status]
     cells += [value_text(grid.value(v, point), "1", 6) for v in numbers]
     inner = "".join(f"<td>{cell}</td>" for cell in cells)
     return f'<tr id="{ident}-row{point}">{inner}</tr>'

@@ -77,9 +77,9 @@ def _worm_caption(moving: Moving, most: float) -> str:
         back = any(
             lane.load is not None and lane.load.min() < -1e-3 * most for lane in moving.lanes
         )
-        told = f"Bars: {moving.load_name}, the longest {value_text(most, moving.load_unit, 3)}"
-        told += "; hollow where it points backward." if back else "."
-        parts.append(f'<span class="bars">{escaped(told)}</span>')
+        caption = f"Bars: {moving.load_name}, the longest {value_text(most, moving.load_unit, 3)}"
+        caption += "; hollow where it points backward." if back else "."
+        parts.append(f'<span class="bars">{escaped(caption)}</span>')
     if moving.angle:
         degrees = number(float(np.degrees(moving.angle)), 3)
         drawn = "" if abs(moving.angle) <= STEEPEST else ", drawn less steep than it is"
@@ -198,8 +198,8 @@ def _poses(lane: Lane, moving: Moving, scale: float, low: float, follow: bool) -
     for place, frame in enumerate(shown):
         y = 16 + apart * place
         at = [(x - low) * scale + left for x in position[:, frame]]
-        told = escaped(f"t = {value_text(float(moving.time[frame]), moving.time_unit, 3)}")
-        rows.append(f'<text class="when" x="0" y="{y + 4:.0f}">{told}</text>')
+        when = escaped(f"t = {value_text(float(moving.time[frame]), moving.time_unit, 3)}")
+        rows.append(f'<text class="when" x="0" y="{y + 4:.0f}">{when}</text>')
         rows.append(f'<path class="ground" d="M{left - 8:g} {y + radius + 3:.1f}H{_WIDTH:g}"/>')
         if len(at) > 1:
             rows.append(f'<path class="link" d="M{min(at):.1f} {y:g}H{max(at):.1f}"/>')

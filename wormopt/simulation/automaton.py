@@ -145,7 +145,6 @@ class _Motion:
     # -- steps -----------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        """Try one step."""
         step = self._stepper.attempt(min(self._task.span[1], self._break))
         if step is None:
             return
@@ -179,7 +178,6 @@ class _Motion:
 
     @property
     def _all(self) -> np.ndarray:
-        """State followed by its derivatives."""
         return np.append(self._x, self._columns.s)
 
     def _go_to(self, step: Step, crossing: Crossing) -> None:

@@ -96,7 +96,6 @@ class Watch:
         return float(self._all(t, x)[which])
 
     def _all(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Values of all event functions."""
         (values,) = self._values(t, x)
         return self._shared(values, t, x)
 
@@ -284,7 +283,6 @@ class Watch:
                 raise GivenUp("open_force")
 
     def _first(self, j: int, step: Step, value: np.ndarray, small: float) -> Crossing | None:
-        """First crossing of one event function."""
         level = float(self._levels[j])
 
         def above(theta: float) -> float:

@@ -310,7 +310,6 @@ class _Stretches:
         return sorted(jumps.items())
 
     def _joined(self) -> Outcome:
-        """All stretches joined."""
         parts, last = self.found, self.found[-1]
         modes = np.concatenate([part.modes for part in parts])
         if len(modes):

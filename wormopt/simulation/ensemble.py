@@ -95,8 +95,8 @@ class Ensemble:
 
     def __repr__(self) -> str:
         given_up = sum(code != "" for code in self.codes)
-        told = f"Ensemble of {len(self.codes)} motions, {given_up} of them not to the end"
-        return lines(told, repr(self.motions[0]).partition("\n")[0] if self.motions else "")
+        summary = f"Ensemble of {len(self.codes)} motions, {given_up} of them not to the end"
+        return lines(summary, repr(self.motions[0]).partition("\n")[0] if self.motions else "")
 
     @property
     def end(self) -> np.ndarray:
@@ -262,10 +262,10 @@ def _one(
     **shared: Any,
 ) -> Found:
     own: dict[str, Any] = {"x0": member.x0, "p": member.p, "schedules": member.schedules}
-    return _told(partial(simulate, model, span, route=route, report=report, **own, **shared))
+    return _outcome_of(partial(simulate, model, span, route=route, report=report, **own, **shared))
 
 
-def _told(find: Callable[[], Trajectory]) -> Found:
+def _outcome_of(find: Callable[[], Trajectory]) -> Found:
     """Motion and code, also of a failed simulation."""
     try:
         return find(), ""
@@ -349,7 +349,7 @@ def _work(
                 stiff.append(made)
                 continue
             _, future = taken.pop(made)
-            future.set_result(_told(partial(trajectory_of, made, outcome)))
+            future.set_result(_outcome_of(partial(trajectory_of, made, outcome)))
         for made in stiff:
             member, future = taken.pop(made)
             future.set_result(alone(member))

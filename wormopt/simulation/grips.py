@@ -113,11 +113,11 @@ class Grips:
 
     def tells(self, acceleration: ca.SX, forces: ca.SX, delassus: ca.SX) -> ca.SX:
         """Values that decide modes: five columns, see `Grip.tells`, one below the other."""
-        told = [
+        columns = [
             g.tells(acceleration[g.rows], forces[g.rows], delassus[g.rows, g.rows])
             for g in self.each
         ]
-        return ca.vertcat(*(self._by_contacts(column) for column in zip(*told, strict=True)))
+        return ca.vertcat(*(self._by_contacts(column) for column in zip(*columns, strict=True)))
 
     def aims(self, forces: ca.SX) -> ca.SX:
         """`PlaneGrip.aims` of every contact in the plane."""
@@ -187,14 +187,14 @@ class _Several:
         one, width = ca.SX.sym("v"), ca.SX.sym("v_reg")
         return self._each(self.law.smooth(one, width), (one, v), (width, v_reg))
 
-    def _each(self, said: Expression, *given: tuple[ca.SX, Expression]) -> ca.SX:
+    def _each(self, expression: Expression, *given: tuple[ca.SX, Expression]) -> ca.SX:
         """Insert the values of each, and arguments for symbols: a column, or one for all.
 
         Other symbols, such as those of a law that is no dataclass, are the same for all.
         """
         count, symbols = self.numbers.size2(), [self.symbols, *(symbol for symbol, _ in given)]
-        others = ca.Function("law", symbols, [said], {"allow_free": True}).free_sx()
-        function = ca.Function("law", [*symbols, ca.vertcat(*others)], [said])
+        others = ca.Function("law", symbols, [expression], {"allow_free": True}).free_sx()
+        function = ca.Function("law", [*symbols, ca.vertcat(*others)], [expression])
         columns = [ca.SX(value) for _, value in given]
         rows = (ca.repmat(v, 1, count) if v.is_scalar() else v.T for v in columns)
         return function.map(count)(self.numbers, *rows, ca.repmat(ca.vertcat(*others), 1, count)).T

@@ -148,8 +148,8 @@ def scheduled(
     inner, complete = _instants(timed, span, longest, *key)
     ends = np.concatenate([span[:1], inner, span[1:]])
     middle = (ends[:-1] + ends[1:]) / 2
-    said = _functions(timed).at(middle, _given(timed, given, key[1], middle)).T
-    return replace(held, start=span[0], breaks=ends - span[0], values=said), complete
+    values = _functions(timed).at(middle, _given(timed, given, key[1], middle)).T
+    return replace(held, start=span[0], breaks=ends - span[0], values=values), complete
 
 
 class _Used(NamedTuple):

@@ -44,9 +44,9 @@ class LawNumbers:
             return
         values = self._values(fixed).full().ravel()
         for alike in self._alike:
-            told = map(tuple, values[alike.entries].tolist())
+            rows = map(tuple, values[alike.entries].tolist())
             first: dict[tuple[float, ...], int] = {}
-            for numbers, contact in zip(told, alike.contacts, strict=True):
+            for numbers, contact in zip(rows, alike.contacts, strict=True):
                 first.setdefault(numbers, contact)
             for numbers, contact in first.items():
                 self._ask(contact, dict(zip(alike.names, numbers, strict=True)))
@@ -62,8 +62,8 @@ class LawNumbers:
         try:
             replace(contact.law, **numbers)
         except ValueError as error:
-            said = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
-            raise ArgumentError(f"{contact.name} with {said}: {error}") from None
+            shown = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
+            raise ArgumentError(f"{contact.name} with {shown}: {error}") from None
 
     @cached_property
     def _alike(self) -> list[_Alike]:

@@ -119,7 +119,6 @@ class Stiff:
 
 @lru_cache(maxsize=64)
 def _jacobian(rhs: ca.Function) -> ca.Function:
-    """Dense Jacobian of x' by x."""
     jacobian = rhs.factory("jacobian", ["t", "x", "p", "s"], ["jac:rhs:x"])
     arguments = jacobian.mx_in()
     return ca.Function(

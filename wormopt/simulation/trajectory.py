@@ -282,7 +282,7 @@ class Trajectory(SampledMotion):
             return ()
         share = float(np.sum(np.diff(self.time)[cut[:-1]]) / (self.time[-1] - self.time[0]))
         return (
-            f"inputs are cut to their bounds for {share:.2g} of the time, as more is asked for, "
+            f"inputs are cut to their bounds for {share:.2g} of the time, "
             f"first at t = {self.time[int(np.argmax(cut))]:.6g}",
         )
 

@@ -89,7 +89,6 @@ def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation
 
 
 def _numbers(values: dict[str, float]) -> list[Signal]:
-    """Parameters of the walls, checked."""
     kinds = {
         "stiffness": ("stiffness", TINY),
         "smoothing": ("energy", TINY),

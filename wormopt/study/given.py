@@ -102,14 +102,14 @@ def said_of(kind: Any) -> dict[str, Any]:
     """The declaration `says` in the type of a key; empty if there is none."""
     if get_origin(kind) is not Annotated:
         return {}
-    said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
-    return said[-1] if said else {}
+    declared = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
+    return declared[-1] if declared else {}
 
 
 def meaning(kind: Any) -> tuple[str, str]:
     """Quantity and meaning of a key, by its type; "" if there is none."""
-    said = said_of(kind)
-    return said.get("quantity", ""), said.get("meaning", "")
+    declared = said_of(kind)
+    return declared.get("quantity", ""), declared.get("meaning", "")
 
 
 def default_of(field: Any) -> Any:
@@ -132,8 +132,8 @@ class Key(NamedTuple):
     def typed(self, kind: Any) -> Any:
         """Type of the field with its declaration, for the reader and for schemas."""
         words = [Meta(description=self.words)] if self.words else []
-        said = says(self.quantity, self.meaning, self.usual).extra or {}
-        return Annotated[self._bounded(kind), *words, Meta(extra={**said, "per": self.per})]
+        declared = says(self.quantity, self.meaning, self.usual).extra or {}
+        return Annotated[self._bounded(kind), *words, Meta(extra={**declared, "per": self.per})]
 
     def _bounded(self, kind: Any) -> Any:
         if kind in (int, float):

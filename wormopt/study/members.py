@@ -76,10 +76,8 @@ class Member(Generic[T]):
     @property
     def declares(self) -> Mapping[str, tuple[Any, ...]]:
         """Quantity, dimensions if it has some, and meaning of each result, by name."""
-        said = (self.quantity, self.dims, self.meaning)
-        return (
-            self.declared if self.several else {self.reported_as: said if self.dims else said[::2]}
-        )
+        one = (self.quantity, self.dims, self.meaning)
+        return self.declared if self.several else {self.reported_as: one if self.dims else one[::2]}
 
     @property
     def names(self) -> Sequence[str]:

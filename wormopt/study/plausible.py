@@ -44,13 +44,13 @@ def surprises(table: Struct, units: str, path: str = "") -> Iterator[str]:
         value, key = getattr(table, field.name), f"{path}.{field.name}" if path else field.name
         if field.default is not NODEFAULT and value == field.default:
             continue
-        said = said_of(field.type)
-        usual = said.get("usual") or USUAL.get(said.get("quantity", ""))
+        declared = said_of(field.type)
+        usual = declared.get("usual") or USUAL.get(declared.get("quantity", ""))
         for place, item in _items(value, key):
             if isinstance(item, Struct):
                 yield from surprises(item, units, place)
             elif usual and isinstance(item, float | int) and not isinstance(item, bool):
-                yield from _surprise(place, abs(item), said["quantity"], usual)
+                yield from _surprise(place, abs(item), declared["quantity"], usual)
 
 
 def _items(value: Any, key: str) -> Iterator[tuple[str, Any]]:

@@ -35,7 +35,7 @@ def schema(kind: str) -> dict[str, Any]:
     found = {**about, **found, "$defs": parts}
     parts[table.__name__]["properties"]["sweep"] = sweep
     for part in parts.values():
-        part["description"] = _said(inspect.cleandoc(part.get("description", "")))
+        part["description"] = _without_python(inspect.cleandoc(part.get("description", "")))
     for part in (*tables_below(table), Swept):
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
@@ -43,8 +43,8 @@ def schema(kind: str) -> dict[str, Any]:
             if what:
                 properties[field.encode_name]["description"] = what
             if quantity:
-                told = _or_with_unit(properties[field.encode_name], quantity)
-                properties[field.encode_name] = told | {"quantity": quantity}
+                described = _or_with_unit(properties[field.encode_name], quantity)
+                properties[field.encode_name] = described | {"quantity": quantity}
     return found
 
 
@@ -102,10 +102,10 @@ def quantity_of(table: type[msgspec.Struct], key: str) -> str:
 
 def _prose(table: type) -> list[str]:
     """Paragraphs of a docstring after its first line."""
-    return [part for part in _said(inspect.getdoc(table) or "").split("\n\n")[1:] if part]
+    return [part for part in _without_python(inspect.getdoc(table) or "").split("\n\n")[1:] if part]
 
 
-def _said(docstring: str) -> str:
+def _without_python(docstring: str) -> str:
     """A docstring without the parts for Python, which repeat the keys."""
     return docstring.partition("\n\nParameters\n----------\n")[0]
 

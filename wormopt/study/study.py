@@ -98,11 +98,13 @@ class Study(Given):
                 raise TypeError(f"{cls.__name__}.{name} is a name of Study; choose another")
         cls.members = found
         numbers = [one for one in found.values() if one.role == "scalar"]
-        cls.scalars = {name: said for one in numbers for name, said in one.declares.items()}
+        cls.scalars = {name: meant for one in numbers for name, meant in one.declares.items()}
         headline = (one.headlines or (one.reported_as,) * one.headline for one in numbers)
         cls.headline = cls.headline or tuple(chain.from_iterable(headline))
         signals = [one for one in found.values() if one.role == "array"]
-        cls.variables = {name: said for one in signals for name, said in one.declares.items()}
+        cls.variables = {
+            name: declared for one in signals for name, declared in one.declares.items()
+        }
 
     @classmethod
     def check_class(cls) -> None:
@@ -403,7 +405,6 @@ class Study(Given):
         )  # fmt: skip
 
     def _given_warnings(self) -> Iterator[str]:
-        """Yield warnings about the given keys."""
         yield from surprises(self, self.units)
         yield from self.file_warnings(self.folder, self.units)
 

@@ -77,10 +77,10 @@ def _table(
         if tables and (given is None or holds_tables(given)):
             below.append((key, field, tables, given))
             continue
-        told = (
+        assigned = (
             f"#{key} = {_default(field)}" if given is None else f"{mark}{key} = {toml_value(given)}"
         )
-        yield from _line(told, _said(field.type, units))
+        yield from _line(assigned, _meaning(field.type, units))
     for key, field, tables, given in below:
         inside = f"{path}.{key}" if path else key
         yield from _tables(inside, field, tables, given, units)
@@ -91,11 +91,11 @@ def _tables(
 ) -> Iterator[str]:
     """The table or tables of a key: as given, or commented out."""
     listed = isinstance(given, list)
-    said = _said(field.type, units)
+    words = _meaning(field.type, units)
     others = _choices(tables)
     if given is None:
         yield ""
-        yield from _comment(f"{said}{f'; {others}' if others else ''}")
+        yield from _comment(f"{words}{f'; {others}' if others else ''}")
         yield f"#[{path}]"
         if not others:
             yield from _table(tables[0], None, path, units)
@@ -103,7 +103,7 @@ def _tables(
     for index, raw in enumerate(given if listed else [given]):
         yield ""
         if not index:
-            yield from _comment(f"{said}{f'; {others}' if others else ''}")
+            yield from _comment(f"{words}{f'; {others}' if others else ''}")
         yield f"[[{path}]]" if listed else f"[{path}]"
         yield from _table(_meant(raw, tables), raw, path, units)
 
@@ -115,7 +115,6 @@ def _meant(raw: Mapping[str, Any], tables: list[type[msgspec.Struct]]) -> type[m
 
 
 def _choices(tables: list[type[msgspec.Struct]]) -> str:
-    """List the tags of several tables."""
     if len(tables) == 1:
         return ""
     tags = " or ".join(toml_value(table.__struct_config__.tag) for table in tables)
@@ -128,7 +127,7 @@ def _default(field: Any) -> str:
     return "..." if value in (None, msgspec.NODEFAULT) else toml_value(msgspec.to_builtins(value))
 
 
-def _said(kind: Any, units: str) -> str:
+def _meaning(kind: Any, units: str) -> str:
     """Meaning of a key in plain text, after its unit."""
     quantity, what = meaning(kind)
     what = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", what)
@@ -146,13 +145,13 @@ def _is_choice(kind: Any) -> bool:
     return len(parts) > 1 and all(isinstance(part, str) for part in parts)
 
 
-def _line(key: str, said: str) -> Iterator[str]:
-    """A key and its meaning: beside it if there is room, else above."""
-    beside = f"{key}  # {said}"
-    if not said or len(beside) <= _WIDTH:
-        yield beside if said else key
+def _line(key: str, words: str) -> Iterator[str]:
+    """A key and its words: beside it if there is room, else above."""
+    beside = f"{key}  # {words}"
+    if not words or len(beside) <= _WIDTH:
+        yield beside if words else key
         return
-    yield from _comment(said)
+    yield from _comment(words)
     yield key
 
 

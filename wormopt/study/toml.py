@@ -13,13 +13,13 @@ def toml_text(table: Mapping[str, Any]) -> str:
 
     Keys without a value are left out; lists contain no such values.
     """
-    return "\n".join(_lines(_told(table), "")).strip() + "\n"
+    return "\n".join(_lines(_without_none(table), "")).strip() + "\n"
 
 
-def _told(value: Any) -> Any:
+def _without_none(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _told(item) for key, item in value.items() if item is not None}
-    return [_told(item) for item in value] if isinstance(value, list) else value
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list) else value
 
 
 def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:

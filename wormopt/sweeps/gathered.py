@@ -129,10 +129,10 @@ def _coordinates(
     for key, (dim, values) in zip(asked.keys, axes.items(), strict=True):
         numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
         unit = unit_of(quantity_of(type(base.table), key) or "1", base.table.units)
-        told = key if numbers else f"{key}: " + ", ".join(f"{k} {v}" for k, v in enumerate(values))
+        what = key if numbers else f"{key}: " + ", ".join(f"{k} {v}" for k, v in enumerate(values))
         shown = np.array(values, float) if numbers else np.arange(len(values))
         dims = (dim,) if asked.is_grid else asked.dims
-        yield Variable(dim, unit if numbers else "1", dims, shown, told)
+        yield Variable(dim, unit if numbers else "1", dims, shown, what)
 
 
 def _scalars(

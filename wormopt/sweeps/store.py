@@ -85,7 +85,7 @@ def code_of(scene: Scene[Any]) -> str:
     return code_key(type(scene.table).__module__)
 
 
-def told(error: SceneError) -> str:
+def faults_of(error: SceneError) -> str:
     """Describe the faults of a scene on one line."""
     return "; ".join(f"{key}: {what}" if key else what for key, what in error.faults)
 
@@ -148,7 +148,7 @@ def _compute(job: Job, tries: Path) -> Record:
     except BrokenExecutor:
         return Record("failed", "the process that computes it died")
     except SceneError as error:  # faults that only the study detects
-        found = job.scene.table.unfinished(told(error))
+        found = job.scene.table.unfinished(faults_of(error))
         result = replace(found, attributes={"refused": True})
     except Exception as error:  # a defect in one point must not cost the others
         return Record("failed", f"{type(error).__name__}: {error}; please report this")

@@ -32,10 +32,10 @@ from wormopt.sweeps.store import (
     Record,
     code_of,
     compute,
+    faults_of,
     key_of,
     open_store,
     read,
-    told,
 )  # fmt: skip
 
 # Seconds between checks of points that another process computes.
@@ -82,7 +82,7 @@ def sweep(
     engine : Engine, optional
         Where points are computed; processes of this machine if left out.
     report : callable
-        Is told how far the sweep is, see `wormopt.progress`.
+        Gets the progress of the sweep, see `wormopt.progress`.
 
     Returns
     -------
@@ -185,7 +185,7 @@ class _Sweep:
         try:
             return load_scene(replace(self._base, sweep=None), point)
         except SceneError as error:
-            return Record("refused", told(error))
+            return Record("refused", faults_of(error))
 
     def compute(self) -> None:
         """Compute missing points, in rounds: another process may be computing a point."""

@@ -341,7 +341,7 @@ def test_a_best_start_that_is_alone_says_what_to_try():
     """The recording is of a weaker coupling than the model is told."""
     result = wo.run(load_scene("fit_pair", ["profiles=false", "want=[]", "model.pair.eps=0.36"]))
     assert result.status == "failed"
-    assert re.search(r"best of 6 starts is alone, .*; begin with other numbers", result.reason)
+    assert re.search(r"only one of 6 starts found the best fit, .*; write other", result.reason)
 
 
 @pytest.mark.slow

@@ -150,8 +150,8 @@ def _nice(value: float) -> str:
 
 
 def _power(name: str, exponent: float) -> str:
-    told = _nice(exponent)
-    return name if told == "1" else f"{name}^({told})" if "/" in told else f"{name}^{told}"
+    number = _nice(exponent)
+    return name if number == "1" else f"{name}^({number})" if "/" in number else f"{name}^{number}"
 
 
 def _factor(name: str, exponent: float, letter: str) -> str:
@@ -163,8 +163,8 @@ def _summand(name: str, slope: float, letter: str) -> str:
 
 
 def _term(slope: float, name: str) -> str:
-    told = _nice(abs(slope))
-    return f"{'-' if slope < 0 else '+'} {name if told == '1' else f'{told} {name}'}"
+    number = _nice(abs(slope))
+    return f"{'-' if slope < 0 else '+'} {name if number == '1' else f'{number} {name}'}"
 
 
 def _products(pairs: Sequence[tuple[str, float]]) -> Iterator[str]:

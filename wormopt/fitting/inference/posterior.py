@@ -59,13 +59,13 @@ class Posterior:
 
     def __repr__(self) -> str:
         count = int(np.prod(self.draws.shape[:2]))
-        told = f"Posterior: {count} draws" + ("" if self.doubts else ", to be trusted")
+        summary = f"Posterior: {count} draws" + ("" if self.doubts else ", to be trusted")
         lows, highs = self.interval(0.95).T
         found = ", ".join(
             f"{name} {text(float(low), SHORT)} to {text(float(high), SHORT)}"
             for name, low, high in zip(self.names, lows, highs, strict=True)
         )
-        return lines(told, *self.doubts, found)
+        return lines(summary, *self.doubts, found)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Draws (chains, m) of an unknown; UnknownNameError if there is none."""
@@ -91,18 +91,18 @@ class Posterior:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Reasons why the draws are unreliable; empty if they are reliable."""
-        told = []
+        doubts = []
         if self.divergences:
-            told.append(
-                f"{self.divergences} draws went astray: the probability has kinks or corners there"
+            doubts.append(
+                f"{self.divergences} draws diverged: the probability has kinks or corners there"
             )
         apart = [n for n, r in zip(self.names, self.r_hat, strict=True) if not r <= R_HAT]
         if apart:
-            told.append(f"chains differ in {', '.join(apart)}; draw more, or tell less apart")
+            doubts.append(f"chains differ in {', '.join(apart)}; draw more, or fit fewer unknowns")
         few = [n for n, e in zip(self.names, self.effective, strict=True) if not e >= FEWEST]
         if few:
-            told.append(f"draws of {', '.join(few)} depend on each other; draw more")
-        return tuple(told)
+            doubts.append(f"draws of {', '.join(few)} depend on each other; draw more")
+        return tuple(doubts)
 
 
 def posterior(
@@ -320,8 +320,8 @@ class Density:
             shares = zip(self.task.names, turned[:, -1], strict=True)
             names = [name for name, share in shares if abs(share) > 0.1]
             raise ArgumentError(
-                f"nothing bounds {', '.join(names)}: the readings cannot tell; give bounds on both "
-                "sides, or a prior"
+                f"the readings do not determine {', '.join(names)}; write bounds on both sides, or "
+                "a prior"
             )
         whole = np.diag(np.append(1 / s, 1 / np.sqrt(2 * self._rows.sum(axis=0))))
         whole[: len(s)] = turned @ whole[: len(s)]

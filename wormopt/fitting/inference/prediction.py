@@ -60,11 +60,11 @@ class Prediction:
     p: float
 
     def __repr__(self) -> str:
-        told = (
+        summary = (
             f"Prediction of {self.recording.name}: {100 * self.coverage:.1f} % of the readings in "
             f"the band of {100 * self.level:g} %, chi² {text(self.chi2, SHORT)} of {self.freedom}"
         )
-        return lines(told, *self.words)
+        return lines(summary, *self.words)
 
     def band(self, signal: str) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper end of the band that shall hold the readings of a signal.
@@ -86,13 +86,13 @@ class Prediction:
         """Statements about anomalies."""
         name = self.recording.name
         unknown = [s for s, sd in self.model_error.items() if np.isinf(sd).any()]
-        told = [f"what the fit cannot tell moves {signal} in {name}" for signal in unknown]
+        statements = [f"unidentifiable directions move {signal} in {name}" for signal in unknown]
         if self.p < _DOUBTED:
-            told.append(
+            statements.append(
                 f"{name} is not as predicted (p = {self.p:.1g}): the model, or the noise said, is "
                 "not what was recorded"
             )
-        return tuple(told)
+        return tuple(statements)
 
 
 def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Prediction:
@@ -194,7 +194,7 @@ def _spread(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Factor (n, k) of the covariance of all coordinates, and unidentifiable directions (n, l)."""
     s, v = found.singular
-    told = s > found.error
+    identified = s > found.error
     rows = [found.names.index(n) for n, is_own in zip(task.names, own, strict=True) if not is_own]
     directions = (found.sizes[:, None] * v)[rows]
     spread = np.zeros((len(own), len(s)))
@@ -205,17 +205,16 @@ def _spread(
         noise = np.zeros((len(own), own.sum()))
         size, turns = spectrum(columns, np.ones(own.sum()))
         noise[own] = turns / np.maximum(size, TOLD * size[0])
-        return np.hstack([spread[:, told] / s[told], noise]), spread[:, ~told]
-    return spread[:, told] / s[told], spread[:, ~told]
+        return np.hstack([spread[:, identified] / s[identified], noise]), spread[:, ~identified]
+    return spread[:, identified] / s[identified], spread[:, ~identified]
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the columns."""
     if columns.shape[1] == 0:
         return columns
     s, v = spectrum(columns, np.ones(columns.shape[1]))
-    told = s > TOLD * s.max(initial=0.0)
-    return columns @ (v[:, told] / s[told])
+    identified = s > TOLD * s.max(initial=0.0)
+    return columns @ (v[:, identified] / s[identified])
 
 
 def _judged(r: np.ndarray, effects: np.ndarray, taken: np.ndarray) -> tuple[float, np.ndarray]:

@@ -80,18 +80,18 @@ class Profile:
     def words(self) -> tuple[str, ...]:
         """Statements about anomalies."""
         sides = zip(("below", "above"), self.open, self.interval, strict=True)
-        told = [
+        statements = [
             f"the readings do not bound {self.name} {side}"
             + (f"; its bound {text(end, SHORT)} does" if np.isfinite(end) else "")
             for side, is_open, end in sides
             if is_open
         ]
         if self.fell > 0:
-            told.append(
+            statements.append(
                 f"along {self.name} a better fit was found, its squares less by "
                 f"{text(self.fell, SHORT)}; fit again from {self.name} = {text(self.best, SHORT)}"
             )
-        return tuple(told)
+        return tuple(statements)
 
 
 def profile(

@@ -66,8 +66,8 @@ class Whiteness:
     level: float
 
     def __repr__(self) -> str:
-        told = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests at fault"
-        return lines(told, *self.words)
+        summary = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests at fault"
+        return lines(summary, *self.words)
 
     @property
     def suspects(self) -> tuple[ResidualTest, ...]:

@@ -102,7 +102,7 @@ def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2"
         raise CompilerError(f"{path} cannot be loaded: {error}") from error
 
 
-def said(done: subprocess.CompletedProcess[bytes]) -> str:
+def error_output(done: subprocess.CompletedProcess[bytes]) -> str:
     """Error output of a compiler run."""
     return done.stderr.decode(errors="replace").strip()
 
@@ -153,7 +153,7 @@ def _compile(
             # the command is the user's own compiler
             done = subprocess.run(call, cwd=folder, capture_output=True, check=False)  # noqa: S603
             if done.returncode:
-                raise CompilerError(f"{' '.join(command)} failed:\n{said(done)}")
+                raise CompilerError(f"{' '.join(command)} failed:\n{error_output(done)}")
             body = built.read_bytes()
             built.write_bytes(body + hashlib.sha256(body).digest())
             built.chmod(0o700)

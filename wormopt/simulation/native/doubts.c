@@ -101,10 +101,10 @@ void doubt_touches(Run *run, double h, double first) {
             doubt(run, run->out.t + run->touch[j] * h, j, j < n ? run->modes[j] : 0.0, GRAZING);
 }
 
-static int is_told(const Run *run, long long which, Reason reason) {
-    const Table *told = &run->out.doubts;
-    for (long long r = told->rows - 1; r >= 0; r--) {
-        const double *row = told->data + told->width * r;
+static int is_doubted(const Run *run, long long which, Reason reason) {
+    const Table *known = &run->out.doubts;
+    for (long long r = known->rows - 1; r >= 0; r--) {
+        const double *row = known->data + known->width * r;
         if (row[0] != run->out.t) return 0;
         if (row[1] == which + (run->in.exact ? 0 : run->in.n_contacts) && row[3] == reason) return 1;
     }
@@ -123,7 +123,7 @@ void doubt_landings(Run *run) {
             const double change = fabs(run->change[j]), value = fabs(run->value[n + j]);
             if (run->level[n + j] == 0.0 && change > ALIKE * parts[j] * fabs(run->event_along[c])
                 && value * run->in.column_size[c] <= run->in.small_value * change
-                && !is_told(run, n + j, EDGE))
+                && !is_doubted(run, n + j, EDGE))
                 doubt(run, run->out.t, n + j, 0.0, EDGE);
         }
     }

@@ -68,15 +68,15 @@ def source(function: ca.Function) -> tuple[str, int] | None:
         *(f"  double *restrict r{k} = res[{k}];" for k in range(function.n_out())),
     ]
     # operations outside loops keep CasADi's order, so that few values wait in registers
-    told: list[tuple[int, list[str]]] = []
+    code: list[tuple[int, list[str]]] = []
     for array, shape, rows in groups:
         if len(rows) < LANES:
-            told += [(k, [f"  {_statement(array, shape, row)}"]) for k, *row in rows.tolist()]
+            code += [(k, [f"  {_statement(array, shape, row)}"]) for k, *row in rows.tolist()]
         else:
-            told.append((rows[-1, 0], _loop(array, shape, rows[:, 1:])))
+            code.append((rows[-1, 0], _loop(array, shape, rows[:, 1:])))
     if not vectors:
-        told.sort(key=lambda one: one[0])
-    lines += [line for _, each in told for line in each]
+        code.sort(key=lambda one: one[0])
+    lines += [line for _, each in code for line in each]
     return "\n".join([*lines, "  return 0;", "}", ""]), n_w
 
 
@@ -159,7 +159,6 @@ def _placed(
 
 
 def _statement(array: str, shape: str, row: Sequence[int]) -> str:
-    """One row of a shape."""
     target, *entries = row
     waiting = iter(entries)
     value = _PLACE.sub(lambda place: f"{place[1]}[{next(waiting)}]", _OF_VECTORS.sub(_ONE, shape))

@@ -45,15 +45,15 @@ def source(functions: Sequence[ca.Function]) -> tuple[str, int]:
     The first is the right-hand side; `own_stages` is added if it is short. CasADi writes functions
     with own loops or unusual operations.
     """
-    told = [loops.source(function) for function in functions]
-    texts = [one[0] for one in told if one]
-    others = [function for function, one in zip(functions, told, strict=True) if one is None]
-    if told[0]:
+    sources = [loops.source(function) for function in functions]
+    texts = [one[0] for one in sources if one]
+    others = [function for function, one in zip(functions, sources, strict=True) if one is None]
+    if sources[0]:
         texts[0] = _right_hand_side(functions[0], texts[0])
     texts = [head(texts), *texts]
     if others:  # their math.h must precede macros of its names
         texts = ["#include <math.h>", *texts, _generated(others)]
-    return "\n".join(texts), max(one[1] if one else 0 for one in told)
+    return "\n".join(texts), max(one[1] if one else 0 for one in sources)
 
 
 def _right_hand_side(rhs: ca.Function, text: str) -> str:

@@ -95,7 +95,6 @@ class Columns:
         self.dt[:] = 0.0
 
     def _each(self, name: str, t: float, x: np.ndarray, dt: np.ndarray) -> list[np.ndarray]:
-        """Change along each direction."""
         dx = np.zeros(self._n_x)
         found = []
         for c in range(self.k):

@@ -117,7 +117,7 @@ class _Space:
 
     def _shape(self, name: object) -> tuple[int, ...]:
         if not isinstance(name, str):
-            raise ArgumentError(f"sensitivities are asked for by name, not by {name!r:.60}")
+            raise ArgumentError(f"sensitivities must be names, not {name!r:.60}")
         if name not in self._shapes:
             kinds = "state, parameter, input or schedule"
             raise UnknownNameError(self._system.model.name, kinds, [name], list(self._shapes))

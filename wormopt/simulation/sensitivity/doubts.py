@@ -87,7 +87,6 @@ class Doubts:
         self._add(t, which, mode, _GRAZING)
 
     def _add(self, t: float, which: int, mode: float, reason: int) -> None:
-        """Note a doubt."""
         self.rows.append((t, self._place(which), mode, reason))
 
     def _place(self, which: int) -> int:
