@@ -10,7 +10,7 @@ from effort import examples
 from g1_worm import G1, G1_LIMITS, G1_ORDER, G1_WORM, OWN
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
-from test_program import check
+from judged import check
 
 from tests.benchmarks.design_cases import draw, task_of
 from wormopt.errors import ArgumentError, SolveError
