@@ -5,12 +5,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.model.friction import Coulomb, Law
+from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
 from wormopt.systems.chain.build import chain
 
 
-def free_worm(links: int = 2, law: Law | None = None, **changed: Any) -> Model:
+def free_worm(links: int = 2, law: Any = None, **changed: Any) -> Model:
     """A chain on nothing, unless a law is given."""
     usual: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
     return chain(links, law=law, **(usual | changed))
