@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+from typing import Any
 
 # Tests run in as many processes as there are cores: threads of their own would only get in each
 # other's way. It must be said before numpy is loaded.
@@ -40,6 +41,11 @@ def pytest_configure(config: pytest.Config) -> None:
         suppress_health_check=[HealthCheck.too_slow],
     )
     settings.load_profile("effort")
+
+
+@pytest.fixture(scope="session")
+def control() -> Any:
+    return pytest.importorskip("control")
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from places import DOCS
+from worms import free_worm as worm
 
 from wormopt.analysis.bode import bode, frequencies
 from wormopt.analysis.lie import relative_degree
@@ -29,17 +30,11 @@ from wormopt.model.path import ParameterPath, piecewise_constant
 from wormopt.numerics.identically import identically_zero
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait
 
 seeds = st.integers(0, 10**6)
 patient = settings(max_examples=examples(40))
 DRY = Coulomb(1.0, 10.0)
-
-
-def worm(links: int = 2, law: Any = None, **numbers: Any) -> Model:
-    usual = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
-    return chain(links, law=law, **(usual | numbers))
 
 
 def random_worm(seed: int, decades: float = 1.0) -> tuple[Model, dict[str, np.ndarray]]:
@@ -518,11 +513,6 @@ def test_the_picture_goes_where_it_is_told(tmp_path: Path):
 
 
 # -- python-control ------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def control() -> Any:
-    return pytest.importorskip("control")
 
 
 def nearest(found: np.ndarray, expected: np.ndarray) -> float:

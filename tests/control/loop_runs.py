@@ -1,16 +1,13 @@
 """Closed loops integrated by SciPy's DOP853, stretch by stretch between breaks and events."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model, pack
 from wormopt.model.schedule import Schedule
-from wormopt.systems.chain.build import chain
 
 
 def piece_at(schedule: Schedule, t: float) -> tuple[int, float]:
@@ -115,23 +112,3 @@ class Run:
             function.set_pieces(self.model.schedules, t)
             rows.append(function(t, x))
         return np.array(rows)
-
-
-def worm(links: int = 2, **numbers: Any) -> Model:
-    usual = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
-    return chain(links, law=Coulomb(1.0, 10.0), **(usual | numbers))
-
-
-def point(loop: Model, x: dict[str, Any], reference: list[np.ndarray]) -> dict[str, np.ndarray]:
-    """Outputs and ode at given states, the reference's schedule replaced by plain numbers."""
-    symbols = [*(s.symbol for s in loop.x), *(p.symbol for p in loop.p), loop.t, loop.forces]
-    numbers = [np.array(x[s.name]) for s in loop.x] + [np.array(p.value) for p in loop.p]
-    (schedule,) = loop.schedules
-    function = ca.Function(
-        "f",
-        [*symbols, schedule.symbol, schedule.begin],
-        [loop.ode, *(o.expression for o in loop.outputs)],
-    )
-    found = function(*numbers, 0.4, np.zeros(len(loop.contacts)), np.hstack(reference), 0.0)
-    names = ["ode", *(o.name for o in loop.outputs)]
-    return dict(zip(names, (np.array(f).ravel() for f in found), strict=True))

@@ -7,8 +7,9 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from on_gaits import LOOSE, following
 from scipy.optimize import brentq
-from test_rival_trackers import LOOSE, following, worm
+from worms import worm
 
 from tests.oracles.by_steps import DelayedTracker, solve_smooth
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker

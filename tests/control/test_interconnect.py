@@ -24,11 +24,6 @@ from wormopt.systems.spiked.construct import fast_gait
 EXACT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-12}
 
 
-@pytest.fixture(scope="module")
-def control() -> Any:
-    return pytest.importorskip("control")
-
-
 def worm() -> Model:
     return chain(
         2, mass=[1.0, 1.5, 2.0], stiffness=10.0, damping=5.0, rest_length=2.0,

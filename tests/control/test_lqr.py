@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import simpson
 from scipy.linalg import expm, solve_continuous_lyapunov
+from worms import free_worm as worm
 
 from wormopt.control.lqr import lqr
 from wormopt.control.reference import gait_reference
@@ -20,16 +21,10 @@ from wormopt.model.model import Model, Output, Signal, pack
 from wormopt.model.path import ParameterPath
 from wormopt.model.values import signal_values
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 seeds = st.integers(0, 10**6)
 few = settings(max_examples=examples(25))
-
-
-def worm(links: int = 2, **numbers: Any) -> Model:
-    usual: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
-    return chain(links, **(usual | numbers))
 
 
 def random_numbers(seed: int) -> dict[str, Any]:

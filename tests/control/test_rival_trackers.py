@@ -12,10 +12,12 @@ import pytest
 from effort import examples
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
-from test_tracking import point
+from on_gaits import LOOSE, following
+from outcomes import value
+from worms import point, worm
 
 import wormopt as wo
-from tests.oracles.by_text import RANDOM, TRACK, value, write
+from tests.oracles.by_text import RANDOM, TRACK, write
 from wormopt.control.funnel import Funnel, FunnelLaw, _check_room, funnel_tracker
 from wormopt.control.lambda_tracker import Feedback, Quadratic, lambda_tracker
 from wormopt.control.reference import Reference, gait_reference
@@ -24,24 +26,9 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
-from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
-from wormopt.systems.spiked.construct import fast_gait
-
-LOOSE = Tolerance(relative=1e-9, absolute=1e-10)
-
-
-def worm(links: int = 2, **numbers: Any) -> Model:
-    usual: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
-    usual["law"] = Coulomb(1.0, 10.0)
-    return chain(links, **(usual | numbers))
-
-
-def following(plant: Model) -> Reference:
-    return gait_reference(fast_gait(1.0), plant.t)
-
 
 # -- forces at a point, by hand ------------------------------------------------------------------
 

@@ -10,7 +10,8 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from loop_runs import Run, piece_at, point, worm
+from loop_runs import Run, piece_at
+from worms import point, worm
 
 from wormopt.control.funnel import Funnel, funnel_tracker
 from wormopt.control.lambda_tracker import (

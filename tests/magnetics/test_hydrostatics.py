@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from effort import examples
 from hypothesis import given, settings
+from outcomes import value
 from scipy.integrate import solve_bvp
 
 import wormopt as wo
@@ -48,10 +49,6 @@ THIN = [
     "layer={thickness=4e-3, width=0.06}",
 ]
 BAD: list[Any] = [0.0, -1.0, math.nan, math.inf, "1", None]
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 def solved(*changes: str) -> Result:

@@ -14,6 +14,7 @@ import pytest
 import sympy
 from effort import examples
 from hypothesis import assume, example, given, settings
+from outcomes import value
 from places import DOCS
 from scipy.optimize import brentq
 
@@ -380,13 +381,13 @@ def test_whatever_was_measured_is_identified_or_refused(u0: float, modulus: floa
         assert "check the numbers and their units" in said
         return
     bar = found.material
-    for what, value in (("u0", u0), ("modulus", modulus)):
+    for what, given_ in (("u0", u0), ("modulus", modulus)):
         exact = by_hand(what, bar.mu_r, bar.lame_eta, field)
         # close to the field at which it gives way, neighbouring numbers are different materials
         next_mu, next_eta = (np.nextafter(x, np.inf) for x in (bar.mu_r, bar.lame_eta))
         rounding = abs(by_hand(what, next_mu, bar.lame_eta, field) / exact - 1)
         rounding += abs(by_hand(what, bar.mu_r, next_eta, field) / exact - 1)
-        assert float(exact) == pytest.approx(value, rel=max(1e-11, float(rounding)))
+        assert float(exact) == pytest.approx(given_, rel=max(1e-11, float(rounding)))
     assert bar.softening(field) > -1.5
 
 
@@ -407,10 +408,6 @@ def test_hostile_measurements_are_refused(place: int, bad: Any):
 
 
 # -- scenes ----------------------------------------------------------------------------------------
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 def test_the_scene_of_figure_12():

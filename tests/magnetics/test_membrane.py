@@ -11,22 +11,18 @@ import pytest
 import sympy
 from effort import examples
 from hypothesis import given, settings
+from outcomes import value
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.plotting import figure
-from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.coils.membrane import Choice, Membrane
 
 SCENE = "membrane"
 NUMBERS = (4e-3, 5e5, 2200.0, 1e-11, 0.15, 1200.0)
 BAD: list[Any] = [0.0, -1.0, math.nan, math.inf, "1", None]
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 def closed_form() -> tuple[dict[str, Any], Any]:

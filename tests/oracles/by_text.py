@@ -1,9 +1,6 @@
 """Small scenes of the kinds "track" and "simulate" as text, for tests to change."""
 
 from pathlib import Path
-from typing import Any
-
-from wormopt.result import Result
 
 TRACK = """
 schema = 1
@@ -74,7 +71,3 @@ def write(folder: Path, text: str, own: str | None = None) -> Path:
     path = folder / "scene.toml"
     path.write_text(text)
     return path
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import sympy as sp
 from places import DOCS, TESTS
+from simplified import zero
 from sympy import Rational as Q
 
 Function: Any = sp.Function  # its types do not say that it makes functions
@@ -25,10 +26,6 @@ t, v = sp.symbols("t v", real=True)
 low, high = sp.symbols("F^+ F^-", positive=True)
 x0, x1, x2, v0, v1, v2, u1, u2 = sp.symbols("x_0:3 v_0:3 u_1:3", real=True)
 c1, c2, d1, d2 = sp.symbols("c_1:3 d_1:3", positive=True)
-
-
-def zero(expression: Expression) -> bool:
-    return sp.simplify(expression) == 0
 
 
 # --- The page ----------------------------------------------------------------------------

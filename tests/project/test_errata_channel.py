@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import sympy as sp
+from simplified import zero
 from sympy import Rational as Q
 
 Expression = Any  # of sympy, whose types are loose
@@ -25,10 +26,6 @@ SAMPLE_1: Any = {L: 10, d: 11, d_w: 4}
 BODY = 48  # length of sample 1
 CAPSULE: Any = {L: 10, d: 10, d_w: 4}
 CAPSULE_BODY = 75
-
-
-def zero(expression: Expression) -> bool:
-    return sp.simplify(expression) == 0
 
 
 def arc_length(shape: Expression, sizes: Any) -> Expression:

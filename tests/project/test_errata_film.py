@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import sympy as sp
+from simplified import zero
 from sympy import Rational as Q
 
 Function: Any = sp.Function  # its types do not say that it makes functions
@@ -22,10 +23,6 @@ d, k, omega, eta, rho, gamma = sp.symbols("d k omega eta rho gamma", positive=Tr
 eps, U_c = d * k, omega / k
 scale_p = eta * omega / eps**2
 Re = rho * U_c * d / eta
-
-
-def zero(expression: Expression) -> bool:
-    return sp.simplify(expression) == 0
 
 
 # --- (25): scaling -----------------------------------------------------------------------

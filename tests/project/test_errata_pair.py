@@ -8,6 +8,7 @@ Where both velocities change sign within a turn, V = a Omega sin(alpha) with |al
 from typing import Any
 
 import sympy as sp
+from simplified import zero
 from sympy import Rational as Q
 
 Function: Any = sp.Function  # its types do not say that it makes functions
@@ -26,10 +27,6 @@ DATA: Any = {low: Q(1, 2), high: Q(1), Delta: Q(1, 2)}
 mass, modulus, magnetic_strain = Q(3, 1000), Q(16000), Q(71, 1000)
 length, area = Q(29, 1000), Q(55, 10**7)
 sample_omega = sp.sqrt(modulus * area / (length * mass))
-
-
-def zero(expression: Expression) -> bool:
-    return sp.simplify(expression) == 0
 
 
 # --- (16): scaling -----------------------------------------------------------------------

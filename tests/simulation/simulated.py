@@ -1,6 +1,7 @@
 """Models that several files of this folder simulate."""
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model, Signal
+from wormopt.simulation.options import Route
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
 
@@ -39,8 +41,8 @@ def oscillator() -> Model:
     return Model("circle", x=[Signal("x", x, value=(1.0, 0.0))], ode=ca.vertcat(x[1], -x[0]))
 
 
-def refused(model: Model, span: float, **options: object) -> SolveError:
+def refused(model: Model, span: float, route: Route = "auto", **options: Any) -> SolveError:
     with pytest.raises(SolveError) as caught:
-        simulate(model, span, **options)  # type: ignore[arg-type]
+        simulate(model, span, route=route, **options)
     assert caught.value.suggestion
     return caught.value

@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
-from itertools import product
 from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 import pytest
 from effort import examples
+from held_bodies import BACKWARD, FORWARD, consistent, rigid
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -24,43 +24,6 @@ from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
 ROUTES: tuple[Route, ...] = ("native", "python")
-FORWARD, BACKWARD = np.array([0.5, 1.0, 0.8]), np.array([1.0, 0.4, 0.8])
-
-
-@cache
-def rigid(n: int) -> Model:
-    """Contacts on one rigid body: v' = b + r t + G f, so that to hold one changes the others."""
-    t, v, f = ca.SX.sym("t"), ca.SX.sym("v", n), ca.SX.sym("f", n)
-    b, r, G = ca.SX.sym("b", n), ca.SX.sym("r", n), ca.SX.sym("G", n, n)
-    laws = (Coulomb(*each) for each in zip(FORWARD[:n], BACKWARD[:n], strict=True))
-    return Model(
-        f"rigid {n}",
-        x=[Signal("v", v, value=0.0)],
-        ode=b + r * t + G @ f,
-        t=t,
-        p=[
-            Signal("b", b, value=0.0),
-            Signal("r", r, value=0.0),
-            Signal("G", ca.vec(G), value=np.eye(n).ravel().tolist()),
-        ],
-        contacts=[Contact(f"foot {i}", v[i], f[i], law) for i, law in enumerate(laws)],
-    )
-
-
-def consistent(load: np.ndarray, G: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """All modes at velocity 0 that the laws allow, with accelerations and how clearly."""
-    n, found = len(load), []
-    for modes in map(np.array, product((-1, 0, 1), repeat=len(load))):
-        force = np.where(modes > 0, -FORWARD[:n], BACKWARD[:n]) * (modes != 0)
-        rest = modes == 0
-        if rest.any():
-            known = load + G @ force
-            force[rest] = np.linalg.solve(G[np.ix_(rest, rest)], -known[rest])
-        a = load + G @ force
-        room = np.where(rest, np.minimum(BACKWARD[:n] - force, force + FORWARD[:n]), modes * a)
-        if room.min() > 0:
-            found.append((modes, np.where(rest, 0.0, a), float(room.min())))
-    return found
 
 
 def matrices(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 import pytest
 from effort import examples
+from held_bodies import BACKWARD, FORWARD, ROD, body, consistent, rigid
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from test_contact_decisions import BACKWARD, FORWARD, consistent, rigid
-from test_planar_sharing import ROD, body
-from test_routes import attempted
+from on_routes import attempted
+from simulated import refused
 
 from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb, NoSlip, Spike
@@ -43,12 +43,6 @@ def route(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ro
 
 def kinds(motion: Trajectory) -> list[tuple[str, str]]:
     return [(event.name, event.kind) for event in motion.events]
-
-
-def refused(model: Model, span: float, route: Route, **options: Any) -> SolveError:
-    with pytest.raises(SolveError) as error:
-        simulate(model, span, route=route, **options)
-    return error.value
 
 
 # -- slow is at rest -----------------------------------------------------------------------------

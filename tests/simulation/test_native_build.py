@@ -13,7 +13,7 @@ import casadi as ca
 import pytest
 
 from wormopt.model.model import Model, Signal
-from wormopt.simulation.native import build, kernel, model_code
+from wormopt.simulation.native import build, model_code
 from wormopt.simulation.native.build import CompilerError, cache_folder, compiler, library
 from wormopt.simulation.native.function import repeated
 from wormopt.simulation.simulate import simulate
@@ -217,17 +217,6 @@ def test_an_entry_that_another_process_has_loaded_need_not_be_replaced(
 def model() -> Model:
     x = ca.SX.sym("x")
     return Model("growth", x=[Signal("x", x, value=1.0)], ode=x)
-
-
-@pytest.fixture
-def forgotten() -> Iterator[None]:
-    """What was compiled before in this process does not count."""
-    caches = (kernel.driver, model_code._library, kernel.compiled)
-    for cache in caches:
-        cache.cache_clear()
-    yield
-    for cache in caches:
-        cache.cache_clear()
 
 
 def hide_compilers(monkeypatch: pytest.MonkeyPatch) -> None:

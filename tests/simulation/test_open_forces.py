@@ -8,8 +8,9 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simulated import refused
 
-from wormopt.errors import ArgumentError, SolveError
+from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Spike
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.model.planar_friction import Elliptic
@@ -19,12 +20,6 @@ from wormopt.simulation.simulate import simulate
 
 ROUTES: tuple[Route, ...] = ("native", "python")
 x, v, t, w = (ca.SX.sym(name) for name in "xvtw")
-
-
-def refusal(model: Model, span: float, route: Route) -> SolveError:
-    with pytest.raises(SolveError) as caught:
-        simulate(model, span, route=route)
-    return caught.value
 
 
 # -- redundant contacts on lines -----------------------------------------------------------------
@@ -259,7 +254,7 @@ def test_what_a_belt_takes_up_has_derivatives(route: Route):
     "speed", [ca.fmax(0, ca.sin(t)), ca.if_else(t < 1, 1 - t, 0), 0 * t], ids=["half", "stops", "0"]
 )
 def test_a_belt_at_rest_is_refused_as_its_force_is_open(speed: ca.SX, route: Route):
-    error = refusal(belt(speed, Coulomb(1, 2)), 5.0, route)
+    error = refused(belt(speed, Coulomb(1, 2)), 5.0, route)
     assert error.code == "open_force"
     assert "no contact force acts on its velocity" in str(error)
 
@@ -273,7 +268,7 @@ def test_a_belt_that_touches_rest_goes_on(route: Route):
 
 @pytest.mark.parametrize("route", ROUTES)
 def test_a_belt_driven_back_over_spikes_is_refused(route: Route):
-    assert refusal(belt(ca.cos(t), Spike()), 2.0, route).code == "no_contact_mode"
+    assert refused(belt(ca.cos(t), Spike()), 2.0, route).code == "no_contact_mode"
 
 
 @pytest.mark.parametrize("route", ROUTES)

@@ -6,16 +6,16 @@ smooth law and Moreau-Jean stepping.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
 import casadi as ca
 import numpy as np
 import pytest
+from held_bodies import ROD, body
 from scipy.optimize import OptimizeResult, brentq, minimize
 
-from wormopt.model.model import Contact, Model, Signal
+from wormopt.model.model import Model, Signal
 from wormopt.model.planar_friction import Elliptic
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.options import Route, Smooth, Tolerance
@@ -23,37 +23,6 @@ from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
 ROUTES: tuple[Route, ...] = ("native", "python")
-Load = Callable[[ca.SX], ca.SX]
-
-
-def body(
-    points: np.ndarray,
-    laws: Sequence[Elliptic],
-    load: Load,
-    v0: tuple[float, ...] = (0.0, 0.0, 0.0),
-    *,
-    inertia: float | None = None,
-    p: Sequence[Signal] = (),
-) -> Model:
-    """A rigid body with a mass 1 at every point; forces and moment act on it, time is a place."""
-    q, w, f = ca.SX.sym("q", 4), ca.SX.sym("w", 4), ca.SX.sym("f", 2 * len(points))
-    mass = float(len(points))
-    inertia = float(np.sum(points**2)) if inertia is None else inertia
-    c, s = ca.cos(q[2]), ca.sin(q[2])
-    push = load(q[3])
-    force, moment, grounds = push[:2], push[2], []
-    for k, (a, b) in enumerate(points):
-        arm = ca.vertcat(c * a - s * b, s * a + c * b)
-        across = ca.vertcat(-arm[1], arm[0])
-        ahead, left = ca.vertcat(c, s), ca.vertcat(-s, c)  # the heading is the body's
-        own = f[2 * k] * ahead + f[2 * k + 1] * left
-        velocity = w[:2] + w[2] * across
-        force, moment = force + own, moment + ca.dot(across, own)
-        along = ca.vertcat(ca.dot(ahead, velocity), ca.dot(left, velocity))
-        grounds.append(Contact(f"point {k}", along, f[2 * k : 2 * k + 2], laws[k]))
-    ode = ca.vertcat(w, force / mass, moment / inertia, 0)
-    states = [Signal("place", q, value=0.0), Signal("rate", w, value=[*v0, 1.0])]
-    return Model("body", states, ode, contacts=grounds, p=p)
 
 
 def critical(
@@ -84,7 +53,6 @@ def critical(
     return min(float(walk(y).fun) for y in starts)
 
 
-ROD = np.array([[0.5, 0.0], [-0.5, 0.0]])
 TRIPOD = np.array([[0.0, 1.0], [-0.9, -0.5], [0.8, -0.6]])
 ROUND = (Elliptic(1.0, 1.0, 1.0), Elliptic(3.0, 3.0, 3.0))
 RING = np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(12) / 12])

@@ -6,6 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+import simulated
 from on_routes import ALL, STEPPING, attempted, bouncing_ball, event_times, scalar, sine_worm
 
 from wormopt.errors import SolveError
@@ -17,11 +18,8 @@ from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
 
-def refused(model: Model, span: float, route: Route, **options: object) -> SolveError:
-    with pytest.raises(SolveError) as caught:
-        simulate(model, span, route=route, **options)  # type: ignore[arg-type]
-    error = caught.value
-    assert error.suggestion
+def refused(model: Model, span: float, route: Route, **options: Any) -> SolveError:
+    error = simulated.refused(model, span, route, **options)
     motion = error.partial
     assert motion.route in (route, "idas")
     assert len(motion.time) == motion.states.shape[1]
@@ -45,7 +43,7 @@ def test_growth_beyond_bounds_keeps_what_there_is(route: Route):
 @pytest.mark.parametrize("route", ALL)
 def test_what_is_no_number_is_refused(route: Route):
     assert refused(scalar("x"), 1.0, route, x0={"x": np.nan}).code == "not_finite"
-    codes = ("not_finite", "step_too_small", "solver_failed")
+    codes = ("not_finite", "step_too_small", *(("solver_failed",) if route == "cvodes" else ()))
     assert refused(scalar("-1/sqrt x"), 1.0, route).code in codes
 
 
@@ -56,6 +54,8 @@ def test_work_without_end_is_refused(route: Route):
     error = refused(model, 1e6, route, tolerance=Tolerance(max_steps=500))
     assert error.code == "too_many_steps"
     assert error.partial.end_time < 1e3
+    assert error.partial.end_time > 0 or route == "cvodes"  # which stops at samples only
+    assert error.partial.n_steps <= 500
 
 
 @pytest.mark.parametrize("route", STEPPING)

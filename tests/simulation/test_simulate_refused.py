@@ -12,7 +12,6 @@ from wormopt.errors import ArgumentError, Interrupted, UnknownNameError
 from wormopt.model.friction import Coulomb, Stribeck
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
-from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait
@@ -29,20 +28,6 @@ def test_growth_beyond_bounds_is_refused_with_what_there_is():
     assert motion.time[:10].tolist() == t[:10].tolist()
     assert motion.states[0, :10] == pytest.approx(1 / (1 - t[:10]), rel=1e-8)
     assert motion.time[-1] <= motion.end_time
-
-
-def test_what_is_no_number_is_refused():
-    x = ca.SX.sym("x")
-    model = Model("root", x=[Signal("x", x, value=1.0)], ode=-1 / ca.sqrt(x))  # x = 0 at t = 2/3
-    assert refused(model, 2.0).code in ("not_finite", "step_too_small")
-    assert refused(model, 2.0, x0={"x": np.nan}).code == "not_finite"
-
-
-def test_work_without_end_is_refused():
-    error = refused(oscillator(), 1e6, tolerance=Tolerance(max_steps=500))
-    assert error.code == "too_many_steps"
-    assert 0 < error.partial.end_time < 1e3
-    assert error.partial.n_steps <= 500
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import pickle
 import zlib
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from tests.stress import (
     carried,
     fields,
     films,
+    matrix,
     peristaltic_gaits,
     peristaltic_worms,
     rods,
@@ -34,13 +34,9 @@ LONG = {
 }
 
 
-def listed(group: str, *, quick: bool) -> list[Any]:
-    return list(import_module(f"tests.stress.{group}").cases(quick=quick))
-
-
 @pytest.mark.parametrize("group", GROUPS)
 def test_some_cases_of_each_kind_are_right(group: str):
-    first = {case.group: case for case in reversed(listed(group, quick=True))}
+    first = {case.group: case for case in reversed(matrix.cases(group, quick=True))}
     for case in first.values():
         if case.group not in LONG:
             found = case.judge()
@@ -50,14 +46,14 @@ def test_some_cases_of_each_kind_are_right(group: str):
 @pytest.mark.slow
 @pytest.mark.parametrize("group", GROUPS)
 def test_no_case_is_wrong(group: str):
-    found = [case.judge() for case in listed(group, quick=False)]
+    found = [case.judge() for case in matrix.cases(group, quick=False)]
     assert not [v for v in found if v.verdict in ("wrong", "undecided")]
     assert sum(v.verdict == "right" for v in found) >= 0.95 * len(found)
     assert all(len(v.reason.split()) > 5 for v in found if v.verdict == "refused")
 
 
 def test_names_are_unique_and_cases_may_be_sent_to_workers():
-    cases = [case for group in GROUPS for case in listed(group, quick=False)]
+    cases = [case for group in GROUPS for case in matrix.cases(group, quick=False)]
     assert len({zlib.crc32(case.name.encode()) for case in cases}) == len(cases) >= 500
     assert pickle.loads(pickle.dumps(cases[0])).name == cases[0].name
 
@@ -116,7 +112,7 @@ def test_a_spoilt_answer_is_told_as_wrong(
     monkeypatch.setattr(target, last, changed)
     part = module.__name__.rpartition(".")[2]
     group = part if part in GROUPS else PARTS[part]
-    case = next(case for case in listed(group, quick=True) if case.group.startswith(kind))
+    case = next(case for case in matrix.cases(group, quick=True) if case.group.startswith(kind))
     found = case.judge()
     assert found.verdict == "wrong", found
     assert "times what is allowed" in found.reason

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from outcomes import value
 from places import DOCS
 
 import wormopt as wo
-from tests.oracles.by_text import CHANCE, SIMULATE, TRACK, value, write
+from tests.oracles.by_text import CHANCE, SIMULATE, TRACK, write
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.model.friction import Coulomb

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from outcomes import value
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
@@ -26,10 +27,6 @@ SMOOTH = 'contact={treatment="smooth", v_reg=0.025}'
 
 def solved(name: str, *changes: str) -> Result:
     return wo.run(load_scene(name, changes))
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 # -- exact answers -------------------------------------------------------------------------------

@@ -26,11 +26,6 @@ seeds = st.integers(0, 10**6)
 patient = settings(max_examples=examples(24))
 
 
-@pytest.fixture(scope="module")
-def control() -> Any:
-    return pytest.importorskip("control")
-
-
 def free_mass(zero: float | None = None) -> Plant:
     """1/s^2, or (zero - s) / (s + 1)^3; the force of the ground comes in as the input does."""
     if zero is None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from outcomes import value
 from places import PROBLEMS
 
 import wormopt as wo
@@ -27,10 +28,6 @@ from wormopt.systems.chain.optimal_crawl import cycles_of
 from wormopt.systems.chain.tables import Aim, CrawlLimits
 
 SCENE = PROBLEMS / "optimal_crawl.toml"
-
-
-def value(result: Result, name: str):
-    return result.scalars[name].value
 
 
 def crawl(*sets: str, **changes) -> Result:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from outcomes import value
 from scipy.integrate import solve_ivp
 
 import wormopt as wo
-from tests.oracles.by_text import value
 from wormopt.control.loop import with_reference
 from wormopt.control.lqr import lqr
 from wormopt.control.reference import gait_reference

@@ -13,12 +13,12 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from outcomes import value
 from places import DOCS
 from scipy.integrate import solve_ivp
 
 import wormopt as wo
 from tests.oracles.by_hand import fast_gait as gait_by_hand
-from tests.oracles.by_text import value
 from wormopt.control.lambda_tracker import Feedback
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.model import Model, Signal

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from outcomes import value
 
 import wormopt as wo
-from tests.oracles.by_text import value
 from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
 from wormopt.control.predictive import MpcOptions, PredictiveController

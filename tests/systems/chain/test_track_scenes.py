@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from outcomes import value
 
 import wormopt as wo
 from tests.oracles.by_hand import Chain, commanded, thirds, tracked
-from tests.oracles.by_text import CHANCE, MODEL, OWN, SIMULATE, TRACK, value, write
+from tests.oracles.by_text import CHANCE, MODEL, OWN, SIMULATE, TRACK, write
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.result import Result

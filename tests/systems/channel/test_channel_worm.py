@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from effort import examples
 from hypothesis import given, settings
+from outcomes import failed_checks, value
 from places import DOCS
 from scipy.integrate import quad
 from scipy.special import ellipe
@@ -46,14 +47,6 @@ REFERENCE = [
     (SAMPLE_2, (11.663275, 11.629182, 11.412712), (6, 6, 7), (1.108850, 1.086122, 0.988899)),
     (CAPSULE, (11.944523, 11.906314, 11.661904), (6, 6, 6), (1.296349, 1.270876, 1.107936)),
 ]
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
-
-
-def refused(result: Result) -> list[str]:
-    return [check.name for check in result.checks if not check.passed]
 
 
 def run(name: str, *changes: str) -> Result:
@@ -254,7 +247,7 @@ def test_a_wrong_length_fails(monkeypatch: pytest.MonkeyPatch):
     result = run("fig19_channel_worm")
     assert result.status == "failed"
     assert "differ by" in result.reason
-    assert refused(result) == ["lengths of centre lines"]
+    assert failed_checks(result) == ["lengths of centre lines"]
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
@@ -363,7 +356,7 @@ def test_an_elastica_that_elliptic_integrals_deny_fails(monkeypatch: pytest.Monk
     assert result.status == "failed"
     assert "point_contact: differs by" in result.reason
     assert "sleeve: differs by" in result.reason
-    assert refused(result) == [
+    assert failed_checks(result) == [
         "point contact",
         "sleeve",
     ]

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from outcomes import value
 
 import wormopt as wo
 from wormopt.cli import main
@@ -21,10 +22,6 @@ from wormopt.systems.channel import rod_rest, segment_shapes
 from wormopt.systems.channel.closed_forms import ChannelWorm
 from wormopt.systems.channel.curve import Curve
 from wormopt.systems.channel.tables import RodOverCoils
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 @lru_cache

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from outcomes import failed_checks, value
 
 import wormopt as wo
 from wormopt.cli import main
@@ -31,14 +32,6 @@ EVEN = "coils.gap=15e-3"
 
 def solved(name: str, *changes: str) -> Result:
     return wo.run(load_scene(name, list(changes)))
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
-
-
-def refused(result: Result) -> list[str]:
-    return [check.name for check in result.checks if not check.passed]
 
 
 def wrong_field(*given: Any) -> np.ndarray:
@@ -127,7 +120,7 @@ def test_a_field_that_is_not_confirmed_fails(monkeypatch: pytest.MonkeyPatch):
     result = solved(ROW, "coils.count=8", "line.margin=1")
     assert result.status == "failed"
     assert "by quadrature differs" in result.reason
-    assert refused(result) == ["field by quadrature"]
+    assert failed_checks(result) == ["field by quadrature"]
 
 
 # -- currents for a wave ---------------------------------------------------------------------------
@@ -263,7 +256,7 @@ def test_a_field_of_currents_that_is_not_confirmed_fails(monkeypatch: pytest.Mon
     result = solved(INVERSE, *QUICK)
     assert result.status == "failed"
     assert "by quadrature differs" in result.reason
-    assert refused(result) == ["field by quadrature"]
+    assert failed_checks(result) == ["field by quadrature"]
 
 
 # -- what is refused -------------------------------------------------------------------------------

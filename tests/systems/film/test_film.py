@@ -15,6 +15,7 @@ import sympy as sp
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from outcomes import run_text, value
 from places import DOCS
 from scipy.integrate import quad
 
@@ -481,16 +482,6 @@ kind = "film-flow"
 [film]
 delta = 0.5
 """
-
-
-def run_text(folder: Path, text: str, *changes: str) -> wo.Result:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return wo.run(load_scene(path, list(changes)))
-
-
-def value(result: wo.Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 def test_figure_15():

@@ -4,10 +4,10 @@ import json
 import math
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from outcomes import value
 
 import wormopt as wo
 from wormopt.cli import main
@@ -42,10 +42,6 @@ def write(folder: Path, text: str) -> Path:
 
 def run(folder: Path, *changes: str, text: str = SCENE) -> Result:
     return wo.run(load_scene(write(folder, text), list(changes)))
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 @cache

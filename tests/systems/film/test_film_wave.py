@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from outcomes import value
 
 import wormopt as wo
 from wormopt.cli import main
@@ -40,10 +41,6 @@ NAME = "film_wave_design"
 FIELD = field_needs(0.5, 0.1)[0]
 LIMITS = WaveLimits(0.1, (0.5, 1.5), FIELD)
 rng = np.random.default_rng
-
-
-def value(result: Result, name: str):
-    return result.scalars[name].value
 
 
 def solved(*changes: str) -> Result:

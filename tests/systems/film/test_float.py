@@ -10,6 +10,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 import sympy as sp
+from outcomes import run_text, value
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
@@ -356,16 +357,6 @@ delta = 0.5
 [time]
 samples = 101
 """
-
-
-def run_text(folder: Path, text: str, *changes: str) -> wo.Result:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return wo.run(load_scene(path, list(changes)))
-
-
-def value(result: wo.Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 def test_packaged_floats():

@@ -8,6 +8,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from outcomes import run_text, value
 
 import wormopt as wo
 from wormopt.analysis.average import average
@@ -184,10 +185,6 @@ def quick_figure_13() -> wo.Result:
     return figure_13(UNCHECKED, "averaging.nodes=8")
 
 
-def value(result: wo.Result, name: str):
-    return result.scalars[name].value
-
-
 @pytest.mark.slow
 def test_figure_13():
     result = figure_13()
@@ -241,12 +238,6 @@ nodes = 8
 [time]
 periods = 4
 """
-
-
-def run_text(folder: Path, text: str, *changes: str) -> wo.Result:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return wo.run(load_scene(path, list(changes)))
 
 
 def test_weaker_friction_backward_moves_the_pair_backward(tmp_path: Path):

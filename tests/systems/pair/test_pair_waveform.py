@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from outcomes import value
 
 import wormopt as wo
 from wormopt.cli import main
@@ -36,10 +37,6 @@ from wormopt.systems.pair.waveform import first_harmonic, waveform_problem
 NAME, EPS = "pair_waveform_design", 0.0355
 NU = math.sqrt(2) + 0.5 * EPS
 WORK = 'objective={minimise="work_per_distance", speed=0.25}'
-
-
-def value(result: Result, name: str):
-    return result.scalars[name].value
 
 
 def solved(*changes: str) -> Result:

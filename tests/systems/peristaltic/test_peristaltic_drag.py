@@ -8,6 +8,7 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from outcomes import value
 from scipy.optimize import brentq
 
 import wormopt as wo
@@ -217,10 +218,6 @@ def test_small_gaits_that_go_nowhere_are_refused():
 
 def solved(*changes: str) -> Result:
     return wo.run(load_scene("peristaltic_drag", ["want=[]", *changes]))
-
-
-def value(result: Result, name: str) -> float:
-    return result.scalars[name].value
 
 
 def test_hardly_any_drag_of_length_fails_and_says_what_to_write():

@@ -12,6 +12,7 @@ import pytest
 import sympy
 from effort import examples
 from hypothesis import given, settings
+from outcomes import value
 from scipy.integrate import solve_ivp
 
 import wormopt as wo
@@ -51,10 +52,6 @@ TUBE = Tube(5.05e-3, 0.3)
 LAM, HOOP, SHARE = ca.SX.sym("lam"), ca.SX.sym("hoop"), ca.SX.sym("a")
 STRETCHES = st.floats(0.5, 2.0)
 SHARES = st.floats(0.0, 1.0)
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 def at(expression: Any, **numbers: float) -> float:

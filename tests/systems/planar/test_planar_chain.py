@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.integrate import quad, solve_ivp
+from shapes import rotated
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
@@ -205,18 +206,13 @@ LAWS = {
 @pytest.mark.parametrize("name", LAWS)
 def test_motions_turn_and_shift_with_their_start(name: str) -> None:
     """Nothing in the plane knows where x points."""
-    _symmetric(LAWS[name], lambda r: _rotated(r, 0.9), (3.0, -2.0), sign=1.0)
+    _symmetric(LAWS[name], lambda r: rotated(r, 0.9), (3.0, -2.0), sign=1.0)
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_mirrored_worms_move_on_mirrored_ways(name: str) -> None:
     """Left and right are alike."""
     _symmetric(LAWS[name], lambda r: r * [1.0, -1.0], (0.0, 0.0), sign=-1.0)
-
-
-def _rotated(rows: np.ndarray, angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return rows @ np.array([[c, s], [-s, c]])
 
 
 def _symmetric(law: Any, move: Any, shift: tuple[float, float], sign: float) -> None:
@@ -362,7 +358,7 @@ def test_a_tripod_comes_to_rest_about_one_of_its_legs() -> None:
     turned = left**2 / (2 * slowing)
     assert_allclose(motion["angle"][0, -1] + turned, 0.82493561311, atol=1e-10)
     pivot = motion["position"][:2, -1]
-    arm = _rotated(motion["center"][:, -1] - pivot, turned)
+    arm = rotated(motion["center"][:, -1] - pivot, turned)
     assert_allclose(pivot + arm, (0.79073130637, 0.17443620545), atol=1e-10)
 
 
@@ -462,10 +458,10 @@ def test_blocks_stop_where_a_time_without_end_says(seed: int) -> None:
     heading = rng.uniform(-3, 3)
     block = driven_shape(
         rigid_shape([(0.0, 0.0)]), mass=1.3, inertia=1.0, law=law, angle=heading,
-        velocity=_rotated(thrown, heading), pull=_rotated(pull, heading),
+        velocity=rotated(thrown, heading), pull=rotated(pull, heading),
     )  # fmt: skip
     motion = simulate(block, 1.2 * stop.time)
-    assert_allclose(motion["center"][:, -1], _rotated(np.array(stop.place), heading), atol=1e-8)
+    assert_allclose(motion["center"][:, -1], rotated(np.array(stop.place), heading), atol=1e-8)
     assert_allclose(motion.events[-1].time, stop.time, rtol=1e-8)
 
 

@@ -10,18 +10,13 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import wormopt as wo
-from tests.oracles.by_crawls import CIRCLE, SNAKE, THREE, circle_of_three_links
+from tests.oracles.by_crawls import CIRCLE, SNAKE, THREE
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.systems.planar.body.se2 import inverse
 from wormopt.systems.planar.turning import TurnInPlace, swing_hold
 
 P = wo.planar
-
-
-@pytest.fixture(scope="module")
-def cycle():
-    return circle_of_three_links()
 
 
 def test_three_links_go_as_far_as_other_programs_say(cycle):

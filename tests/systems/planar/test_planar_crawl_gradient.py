@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import wormopt as wo
-from tests.oracles.by_crawls import circle_of_three_links
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.systems.planar.turning import TurnInPlace
@@ -14,11 +13,6 @@ from wormopt.systems.planar.turning import TurnInPlace
 P = wo.planar
 ROUGH = [Elliptic(f, f, f) for f in (1.0, 2.0, 1.0)]
 TURN = TurnInPlace(1.0, 2.0, short=0.5, long=1.0, straight=0.2, bent=1.2)
-
-
-@pytest.fixture(scope="module")
-def cycle():
-    return circle_of_three_links()
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wormopt as wo
-from tests.oracles.by_crawls import SNAKE, THREE, circle_of_three_links
+from tests.oracles.by_crawls import SNAKE, THREE
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.study import load_scene
@@ -21,11 +21,6 @@ from wormopt.systems.planar.turning import TurnInPlace, heading_rate_bound
 
 P = wo.planar
 SEEDS = st.integers(0, 10**6)
-
-
-@pytest.fixture(scope="module")
-def cycle():
-    return circle_of_three_links()
 
 
 def _worm(seed: int, *, straight: bool = False):

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from outcomes import value
 from scipy.integrate import solve_ivp
 
 import wormopt as wo
@@ -286,7 +287,3 @@ def test_a_motion_of_next_to_no_length_is_not_taken_for_a_sensitive_one() -> Non
     result = wo.run(wo.load_scene("planar_chain", ["time.end=1e-6", "want=[]"]))
     assert result.status == "ok"
     assert 0 < value(result, "distance") < 1e-12
-
-
-def value(result: wo.Result, name: str) -> Any:
-    return result.scalars[name].value

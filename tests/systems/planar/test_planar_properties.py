@@ -14,6 +14,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from places import DOCS
+from shapes import rotated
 
 from wormopt.model.friction import Coulomb, NoSlip
 from wormopt.model.model import Model, pack
@@ -103,12 +104,6 @@ def worms(**fixed: Any) -> Any:
         lambda n, ground, seed: draw(n, ground, seed, **fixed),
         st.integers(1, 4), st.sampled_from(GROUNDS), st.integers(0, 10**6),
     )  # fmt: skip
-
-
-def rotated(rows: np.ndarray, angle: float) -> np.ndarray:
-    """Rows turned to the left."""
-    c, s = np.cos(angle), np.sin(angle)
-    return rows @ np.array([[c, s], [-s, c]])
 
 
 def end_of(worm: Worm) -> tuple[np.ndarray, list[tuple[str, str]], np.ndarray]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from g1_worm import G1, G1_LIMITS
+from outcomes import value
 
 import wormopt as wo
 from wormopt.cli import main
@@ -42,10 +43,6 @@ def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
         return designed_once(task, settings)
 
     monkeypatch.setattr(gait_design, "designed", again)
-
-
-def value(result, name: str):
-    return result.scalars[name].value
 
 
 def test_the_packaged_scene_is_certified(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

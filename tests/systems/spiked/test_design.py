@@ -13,6 +13,7 @@ from effort import examples
 from g1_worm import G1, G1_LIMITS, G1_WORM
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from outcomes import failed_checks, value
 
 import wormopt as wo
 from wormopt.cli import main
@@ -34,10 +35,6 @@ from wormopt.systems.spiked.verify import violations
 
 def run(*overrides: str):
     return wo.run(wo.load_scene("design_fast_gait", overrides))
-
-
-def value(result, name: str):
-    return result.scalars[name].value
 
 
 @pytest.fixture(scope="module")
@@ -329,10 +326,6 @@ def spoil(monkeypatch, study, share: float) -> None:
     monkeypatch.setattr(study, "designed", hurried)
 
 
-def faults_of(result) -> set[str]:
-    return {check.name for check in result.checks if not check.passed}
-
-
 def test_limits_that_are_exceeded_are_faults(monkeypatch):
     from wormopt.systems.spiked import gait_design
 
@@ -341,12 +334,12 @@ def test_limits_that_are_exceeded_are_faults(monkeypatch):
     result = run('search.effort="quick"', "search.sequence=[[0],[1],[2]]", motor)
     assert result.status == "failed"
     exceeded = {"gait.period", "gait.rate", "gait.acceleration", "gait.resting", "sigma"}
-    assert faults_of(result) == {*exceeded, "speed over its ceiling", "motor.rate_max"}
+    assert set(failed_checks(result)) == {*exceeded, "speed over its ceiling", "motor.rate_max"}
     checks = {check.name: check for check in result.checks}
     assert checks["gait.rate"].value == result.trust["violations"]["gait.rate"]
     assert checks["gait.rate"].value == pytest.approx(0.25, rel=1e-6)
     assert checks["gait.length"].passed
-    for name in faults_of(result):
+    for name in failed_checks(result):
         assert checks[name].advice in result.reason
     assert "gait.rate is exceeded by 0.25 of its value" in result.reason
     assert "sensitivity" in result.trust
@@ -363,7 +356,7 @@ def test_a_second_route_that_finds_something_else_is_a_fault(monkeypatch):
     monkeypatch.setattr(gait, "cross_check", elsewhere)
     result = wo.run("fast_gait")
     assert result.status == "failed"
-    assert faults_of(result) == {"speed, second route", "largest load, second route"}
+    assert set(failed_checks(result)) == {"speed, second route", "largest load, second route"}
     told = (
         "the second route finds a different speed; the second route finds a different largest load"
     )
@@ -383,7 +376,7 @@ def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
     spoil(monkeypatch, gait_pareto, 0.8)
     result = wo.run(wo.load_scene("pareto_speed_load", FRONT))
     assert (result.status, result.reason) == ("failed", "no point of the front was accepted")
-    assert {"gait.rate", "points that do not count"} <= faults_of(result)
+    assert {"gait.rate", "points that do not count"} <= set(failed_checks(result))
     assert value(result, "front_points") == 0
 
 

@@ -10,15 +10,12 @@ from effort import examples
 from g1_worm import G1, G1_LIMITS, G1_ORDER, G1_WORM
 from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
+from judged import check
 
 from tests.benchmarks import design_cases, design_rivals
-from tests.benchmarks.design_cases import Motion
 from wormopt.errors import SolveError
 from wormopt.numerics.bilinear import Climb, Point
-from wormopt.study.given import plain
 from wormopt.systems.shared.sequences import lasting
-from wormopt.systems.spiked.bimodal import integrate
-from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
 from wormopt.systems.spiked.limits import Limits, Rates
@@ -31,39 +28,10 @@ def point(found: Point | None) -> Point:
     return found
 
 
-# -- the judge: shares no code with the program, nor with `crawl` --------------------------------
-
-
-def motion_of(found: Design) -> Motion:
-    """Velocities from link rates alone: where nothing slides back the slowest mass rests."""
-    h, polynomial = np.diff(found.gait.breaks), found.gait.polynomial
-    assert polynomial.shape[2] == 3  # rates are linear on each piece
-    relative = np.hstack([np.zeros((len(h), 1)), -np.cumsum(polynomial[:, :, 1], axis=1)])
-    velocities = relative - relative.min(axis=1, keepdims=True)
-    return Motion(h, velocities, polynomial[0, :, 0])
-
-
-def case_of(worm: Worm, limits: Limits) -> design_cases.Case:
-    return {"name": "drawn", "worm": plain(worm), "gait": plain(limits)}
-
-
 def parts_of(case: design_cases.Case) -> tuple[Worm, Limits]:
     rate = case["gait"]["rate"]
     rate = Rates(**rate) if isinstance(rate, dict) else rate
     return Worm(**case["worm"]), Limits(**case["gait"] | {"rate": rate})
-
-
-def check(found: Design, tolerance: float = 1e-8) -> None:
-    """Its limits hold and its speed is what it says, by the judge and by integration."""
-    worm, limits = found.task.worm, found.task.limits
-    if not worm.drag:
-        judged = motion_of(found)
-        assert judged.worst(design_cases.Arrays.of(case_of(worm, limits))) <= tolerance
-        assert judged.speed == pytest.approx(found.speed, rel=1e-9)
-    again = integrate(found.gait, worm.masses, worm.drag, worm.load_range[1])
-    assert again.speed == pytest.approx(found.speed, rel=1e-8)
-    assert again.resting_min >= limits.resting
-    assert max(found.violations.values()) <= 1e-9
 
 
 # -- closed forms ------------------------------------------------------------------------------

@@ -10,8 +10,8 @@ from effort import examples
 from g1_worm import G1, G1_LIMITS, G1_ORDER, G1_WORM, OWN
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
+from judged import check
 from msgspec.structs import fields, replace
-from test_program import check
 
 from tests.benchmarks.design_cases import draw, task_of
 from wormopt.errors import ArgumentError, SolveError

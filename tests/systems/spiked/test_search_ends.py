@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from designs import kept
 from g1_worm import G1_LIMITS, G1_WORM, OWN
-from test_program import check
+from judged import check
 
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError

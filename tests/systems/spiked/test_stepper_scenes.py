@@ -3,10 +3,10 @@
 import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from outcomes import value
 from stepping import counted
 
 import wormopt as wo
@@ -33,10 +33,6 @@ SCENE = "prototype_steps"
 @pytest.fixture(scope="module")
 def prototype() -> Result:
     return wo.run(SCENE)
-
-
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
 
 
 def test_the_prototype_walks_as_formulas_say(prototype: Result):

@@ -5,7 +5,7 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_crawl import safe_load, smooth_gaits
+from smooth_gaits import safe_load, smooth_gaits
 
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.crawl import Crawl, crawl

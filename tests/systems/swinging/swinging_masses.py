@@ -28,10 +28,6 @@ def solved_anew(*changes: str) -> Result:
 solved = cache(solved_anew)
 
 
-def value(result: Result, name: str) -> Any:
-    return result.scalars[name].value
-
-
 def mean_force(law: Law, V: float, cosines: Any, sines: Any) -> float:
     """Mean friction of one mass by adaptive quadrature between reversals."""
     order = np.arange(1, len(cosines) + 1)

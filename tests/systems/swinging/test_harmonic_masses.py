@@ -11,8 +11,9 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from outcomes import value
 from scipy.optimize import root_scalar
-from swinging_masses import COULOMB, PERIOD, THIRDS, mean_force, solved, value
+from swinging_masses import COULOMB, PERIOD, THIRDS, mean_force, solved
 
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous

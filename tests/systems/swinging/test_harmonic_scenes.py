@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from swinging_masses import COULOMB, PERIOD, SCENE, THIRDS, mean_force, solved, solved_anew, value
+from outcomes import failed_checks, value
+from swinging_masses import COULOMB, PERIOD, SCENE, THIRDS, mean_force, solved, solved_anew
 
 import wormopt as wo
 from wormopt.analysis.average import average
@@ -247,10 +248,6 @@ def test_a_run_saves_its_picture(tmp_path: Path):
 
 
 # -- failures --------------------------------------------------------------------------------------
-
-
-def failed_checks(result: Result) -> list[str]:
-    return [check.name for check in result.checks if not check.passed]
 
 
 def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: pytest.MonkeyPatch):
