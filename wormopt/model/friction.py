@@ -108,8 +108,8 @@ class _TwoWay:
     @property
     def directions(self) -> tuple[int, ...]:
         """Directions in which the force is finite."""
-        ways = ((1, self.forward), (-1, self.backward))
-        return tuple(way for way, force in ways if isinstance(force, ca.SX) or force < math.inf)
+        pairs = ((1, self.forward), (-1, self.backward))
+        return tuple(sign for sign, force in pairs if isinstance(force, ca.SX) or force < math.inf)
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
         """Blend of both sliding forces by tanh(v / v_reg), as in chapter 2.4; stiction is lost."""

@@ -70,10 +70,10 @@ def _routes(recheck: Any) -> Iterator[str]:
         yield from dict.fromkeys(line for item in recheck for line in _routes(item))
     if not isinstance(recheck, Mapping):
         return
-    way = recheck.get("method") or recheck.get("route")
-    if not isinstance(way, str):
+    method = recheck.get("method") or recheck.get("route")
+    if not isinstance(method, str):
         return
-    text = f"Computed a second time, by another route ({way})"
+    text = f"Computed a second time, by another route ({method})"
     error, accepted = recheck.get("error"), recheck.get("accepted")
     if is_number(error):
         text += f"; the two differ by {number(error, 2)}"

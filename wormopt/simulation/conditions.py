@@ -445,13 +445,13 @@ class _Graph:
             found_there = not lacks[0] and np.any(steep[0])
             if not found_there and not of.nested[k]:
                 continue  # not found from here; a nested one may change where its guard jumps
-            way = np.zeros(len(at))
+            direction = np.zeros(len(at))
             if found_there:
-                way[first:] = size[first:] * steep[0] / np.linalg.norm(steep[0])
+                direction[first:] = size[first:] * steep[0] / np.linalg.norm(steep[0])
             sides, values = [], np.array(of.look(at)[0]).ravel()
             for values[k] in _around(kind, float(targets[0])):
                 sides.append(np.array(of.right(at, values)).ravel())
-                beyond = [of.right(at + off * way, values) for off in (-_BEYOND, _BEYOND)]
+                beyond = [of.right(at + off * direction, values) for off in (-_BEYOND, _BEYOND)]
                 if not np.all(np.isfinite(np.array(beyond))):
                     return np.zeros_like(found)  # a held value is undefined where a step may look
             largest = np.maximum(*map(np.abs, sides))
@@ -531,9 +531,9 @@ def _switched(
         guard, m = c.kind.guard(*arguments[c.at]), c.symbol
         if c.kind.bounds:
             low, high, down, up = c.kind.bounds(m)
-            ways = low - guard + _barely(down), guard - high + _barely(up)
-            after = m + ca.if_else(ways[1] >= ways[0], 1, -1)
-            guard = ca.fmax(*ways)
+            passed = low - guard + _barely(down), guard - high + _barely(up)
+            after = m + ca.if_else(passed[1] >= passed[0], 1, -1)
+            guard = ca.fmax(*passed)
         else:
             least, most, at = c.kind.sides
             below = m < (least + most) / 2  # its value where the guard is negative

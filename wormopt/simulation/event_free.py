@@ -272,17 +272,17 @@ def _mean(law: Any, hold: ca.SX, still: ca.SX, begin: ca.SX, middle: ca.SX) -> c
     if isinstance(law, PlanarLaw):
         return found
     moves = ca.fabs(hold - still) > _AT_REST * ca.fabs(still)
-    for way, limit in zip((1, -1), law.stick_interval, strict=True):
-        if way not in law.directions:
+    for sign, limit in zip((1, -1), law.stick_interval, strict=True):
+        if sign not in law.directions:
             continue
-        slides = law.slip_force(middle, way)
+        slides = law.slip_force(middle, sign)
         share = _ratio(hold - still, slides - still)
         after = friction(law, still, ca.SX(0))
-        stops = ca.if_else(way * (hold - slides) > 0, share * slides + (1 - share) * after, slides)
-        found = ca.if_else(ca.logic_and(moves, way * (still - hold) > 0), stops, found)
-        held = ca.if_else(way * (begin - limit) > 0, _ratio(limit - begin, 2 * (still - begin)), 0)
+        stops = ca.if_else(sign * (hold - slides) > 0, share * slides + (1 - share) * after, slides)
+        found = ca.if_else(ca.logic_and(moves, sign * (still - hold) > 0), stops, found)
+        held = ca.if_else(sign * (begin - limit) > 0, _ratio(limit - begin, 2 * (still - begin)), 0)
         lets = held * (begin + limit) / 2 + (1 - held) * slides
-        goes = ca.logic_and(ca.logic_not(moves), way * (2 * still - begin - limit) < 0)
+        goes = ca.logic_and(ca.logic_not(moves), sign * (2 * still - begin - limit) < 0)
         found = ca.if_else(goes, lets, found)
     return found
 

@@ -261,9 +261,9 @@ def friction(law: Law | PlanarLaw, hold: ca.SX, velocity: ca.SX) -> ca.SX:
         return law.nearest(hold)
     low, high = law.stick_interval
     found = hold
-    for way, beyond in ((-1, hold > high), (1, hold < low)):
-        if way in law.directions:
-            found = ca.if_else(beyond, law.slip_force(velocity, way), found)
+    for direction, beyond in ((-1, hold > high), (1, hold < low)):
+        if direction in law.directions:
+            found = ca.if_else(beyond, law.slip_force(velocity, direction), found)
     return found
 
 

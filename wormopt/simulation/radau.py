@@ -45,8 +45,8 @@ class Stiff:
         n_x, shape = len(self._task.x0), (len(x), len(x))
         matrix = self._jacobian(t, x)[0].reshape(shape).T.copy()
         if np.any(np.isnan(matrix)):  # 0/0, as that of v |v| at rest: use one nearby
-            way = self._task.all_absolute / self._task.tolerance.absolute
-            nearby = self._jacobian(t, x + _NEARBY * way)[0].reshape(shape).T
+            size = self._task.all_absolute / self._task.tolerance.absolute
+            nearby = self._jacobian(t, x + _NEARBY * size)[0].reshape(shape).T
             matrix = np.where(np.isnan(matrix), nearby, matrix)
         if not np.all(np.isfinite(matrix[:n_x, :n_x])):
             raise GivenUp("not_finite")

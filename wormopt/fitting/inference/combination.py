@@ -87,20 +87,20 @@ def combination(
 
     def leads_on(moved: Callable[[float], np.ndarray], moves: np.ndarray) -> bool:
         alone = np.linalg.norm(effects * moves)
-        for way in _MOVES:
+        for amount in _MOVES:
             try:
-                change = task.misfit(moved(way)) - task.misfit(theta)
+                change = task.misfit(moved(amount)) - task.misfit(theta)
             except (SolveError, ArgumentError):
                 continue
-            return bool(np.linalg.norm(change) <= _LEFT * abs(way) * alone)
+            return bool(np.linalg.norm(change) <= _LEFT * abs(amount) * alone)
         return False
 
-    def along_factors(way: float) -> np.ndarray:
-        return np.where(logs, theta + way * factors, theta * np.exp(way * factors))
+    def along_factors(amount: float) -> np.ndarray:
+        return np.where(logs, theta + amount * factors, theta * np.exp(amount * factors))
 
-    def along_sums(way: float) -> np.ndarray:
-        logarithms = theta + np.log1p(np.where(logs, way * direction, 0.0))
-        return np.where(logs, logarithms, theta + way * direction * sizes)
+    def along_sums(amount: float) -> np.ndarray:
+        logarithms = theta + np.log1p(np.where(logs, amount * direction, 0.0))
+        return np.where(logs, logarithms, theta + amount * direction * sizes)
 
     form: Form = "here"
     if relative and leads_on(along_factors, factors * shares):
