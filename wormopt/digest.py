@@ -1,4 +1,4 @@
-"""What a Result says in short: scalars in groups, what limits it, how far to trust it."""
+"""Short form of a Result: scalars in groups, active limits, and trust."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ import numpy as np
 from wormopt.kinds import KINDS
 from wormopt.shown import Part, brief
 
-# Which way is better, where that can be said of a number by itself.
+# Better direction of numbers, if it is defined.
 BETTER = {
     "speed": 1, "mean_speed": 1, "distance": 1, "velocity_best": 1, "mean_flow": 1,
     "spike_load_max": -1, "actuator_force_max": -1, "energy_per_distance": -1,
     "cost_of_transport": -1, "input_rms": -1, "input_peak": -1, "time_outside_tube": -1,
     "capture_time": -1, "gap_certified": -1,
 }  # fmt: skip
-# As many scalars as come first where a kind does not say which.
+# Number of scalars shown first if a kind does not name them.
 _FIRST = 5
-# Scalars of these names speak of the computation; they are part of the whole, not of the short.
+# Scalars about the computation; they are not part of the short form.
 _OF_THE_COMPUTATION = ("recheck_", "solve_", "defect_", "complementarity_", "discretisation_",
                        "worst_", "n_steps", "assumed_")  # fmt: skip
-# A limit is reached where so small a share of it is left, and has no effect below so many per cent.
+# A limit is reached if this share of it is left, and has no effect below this many per cent.
 _REACHED, _NO_EFFECT = 1e-6, 1e-6
 
 
 def groups(result: Any) -> list[Part]:
-    """Group scalars: what was asked for, limits, the rest; rows of name, value, remark."""
+    """Group scalars: requested ones, limits, the rest; rows of name, value, remark."""
     first, limits = leading(result), [*_limits(result)]
     taken = {*first, *(row[0] for row in limits), *_aside(result)}
     taken |= {"objective"} if _repeated(result, first) else set()
@@ -41,9 +41,9 @@ def groups(result: Any) -> list[Part]:
 
 
 def trust(result: Any) -> Iterator[str]:
-    """Tell in lines how far to trust it: status and worst check, second route, warnings.
+    """Describe trust in lines: status and worst check, second route, warnings.
 
-    Of a sweep also how many points have no answer, by reason.
+    For a sweep also the number of points without an answer, by reason.
     """
     reason = f": {result.reason}" if result.reason else ""
     yield f"{result.status}{reason}{_worst(result.checks)}"
@@ -59,13 +59,13 @@ def trust(result: Any) -> Iterator[str]:
 
 
 def headline(result: Any) -> str:
-    """Write the scalars that were asked for on one line."""
+    """Write the main scalars on one line."""
     rows = [_row(result, name) for name in leading(result)]
     return ", ".join(f"{name} {value}" for name, value, _ in rows)
 
 
 def leading(result: Any) -> list[str]:
-    """Names of the scalars that were asked for; of a kind that does not say so, the first ones."""
+    """Names of the main scalars; the first ones if a kind does not name them."""
     declared = KINDS[result.kind].load().headline if result.kind in KINDS else ()
     chosen = [name for name in declared if name in result.scalars]
     chosen = chosen or [name for name in result.scalars if name not in _aside(result)][:_FIRST]
@@ -80,10 +80,10 @@ def _repeated(result: Any, chosen: Iterable[str]) -> bool:
 
 
 def _aside(result: Any) -> set[str]:
-    """Scalars that are left to the whole: of the computation, or told otherwise already."""
-    told = ("sensitivity.",) if _effects_known(result) else ()
-    found = {name for name in result.scalars if name.startswith((*_OF_THE_COMPUTATION, *told))}
-    return found | {name for name in result.scalars if told and _limited(name)}
+    """Scalars that the short form omits: about the computation, or redundant."""
+    effects = ("sensitivity.",) if _effects_known(result) else ()
+    found = {name for name in result.scalars if name.startswith((*_OF_THE_COMPUTATION, *effects))}
+    return found | {name for name in result.scalars if effects and _limited(name)}
 
 
 def _size(value: Any) -> float | None:
@@ -92,7 +92,7 @@ def _size(value: Any) -> float | None:
 
 
 def _limited(name: str) -> str:
-    """What a scalar limits, by its name; empty where it is no limit."""
+    """Quantity that a scalar limits, by its name; empty if it is no limit."""
     found = re.fullmatch(r"(.+)_limits?", name)
     return found[1] if found else ""
 
@@ -111,7 +111,7 @@ def _with_unit(value: Any, unit: str) -> str:
 
 
 def _entries(result: Any) -> Iterator[tuple[str, str, str]]:
-    """Names of what scalars hold one number of each for."""
+    """Names of the parts that have one entry each in lists."""
     held = dict.fromkeys(
         dim for v in result.variables for dim in v.dims if f"{dim}s" in result.attributes
     )
@@ -122,7 +122,7 @@ def _entries(result: Any) -> Iterator[tuple[str, str, str]]:
 
 
 def _best(result: Any) -> Iterator[tuple[str, str, str]]:
-    """Best point of a sweep: least cost where its scenes have one, else by the first in BETTER."""
+    """Best point of a sweep: least cost if its scenes have one, else by the first in BETTER."""
     if result.kind != "sweep":
         return
     asked = json.loads(result.scene_text or "{}").get("objective")
@@ -138,11 +138,11 @@ def _best(result: Any) -> Iterator[tuple[str, str, str]]:
     if np.isfinite(worth[at]):
         axes = result.attributes["axes"]
         places = at if len(at) == len(axes) else at * len(axes)  # drawn points: one for all axes
-        told = (
+        place = (
             f"{axis['key']} {_with_unit(axis['values'][k], result[axis['dim']].unit)}"
             for axis, k in zip(axes, places, strict=True)
         )
-        yield f"best {name}", _with_unit(float(found.values[at]), found.unit), ", ".join(told)
+        yield f"best {name}", _with_unit(float(found.values[at]), found.unit), ", ".join(place)
 
 
 # -- limits --------------------------------------------------------------------------------------
@@ -156,7 +156,7 @@ def _heading_of_limits(result: Any) -> str:
 
 
 def _limits(result: Any) -> Iterator[tuple[str, str, str]]:
-    """What stands in the way, as far as the result knows."""
+    """Active limits, if the result contains them."""
     if _effects_known(result):
         yield from _effects(result.attributes["limits"], result["limit_elasticity"].values.tolist())
         return
@@ -182,7 +182,7 @@ def _reached(excess: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     numbers = {name: value for name, value in excess.items() if isinstance(value, int | float)}
     for no_share in ("closed", "gait.resting", "limits.resting"):
         numbers.pop(no_share, None)
-    if not any(value < 0 for value in numbers.values()):  # of a result from before room was told
+    if not any(value < 0 for value in numbers.values()):  # earlier versions saved no room
         numbers = {name: value for name, value in numbers.items() if value != 0}
     reached = [name for name, value in numbers.items() if value >= -_REACHED]
     spare = [f"{name} {-value:.2g}" for name, value in numbers.items() if value < -_REACHED]
@@ -193,7 +193,7 @@ def _reached(excess: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
 
 
 def _against(result: Any, limit: str, largest: str) -> tuple[str, str, str]:
-    """A limit, with how much of it is used where the result knows both as numbers."""
+    """A limit, with the used share of it if the result has both as numbers."""
     name, value, _ = _row(result, limit)
     most = _size(result.scalars[limit].value)
     used = _size(result.scalars[largest].value) if largest in result.scalars else None
@@ -225,9 +225,11 @@ def _worst(checks: tuple[Any, ...]) -> str:
 
 
 def _second_route(result: Any) -> str:
-    """What the independent route found: how it went, and by how much it differs."""
-    told = result.trust.get("recheck")
-    each = [one for one in (told if isinstance(told, list) else [told]) if isinstance(one, Mapping)]
+    """Result of the second route: its status, and the difference."""
+    given = result.trust.get("recheck")
+    each = [
+        one for one in (given if isinstance(given, list) else [given]) if isinstance(one, Mapping)
+    ]
     routes = dict.fromkeys(str(one.get("method") or one.get("route") or "") for one in each)
     errors = [one["error"] for one in each if isinstance(one.get("error"), int | float)]
     found = [f"differs by {max(map(abs, errors)):.2g}"] if errors else []

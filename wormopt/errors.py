@@ -1,7 +1,7 @@
-"""What can go wrong, said so that the reader knows what to change.
+"""Errors, whose messages say what to change.
 
-All errors that a user can cause or must act on derive from `WormoptError`; anything else that
-escapes is a defect of the package.
+All errors that a user can cause or must act on derive from `WormoptError`; any other exception is
+a defect of the package.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Any
 
 Fault = tuple[str, str]
-"""Key path in the scene ("gait.period", or "" for the whole file) and what is wrong there."""
+"""Key path in the scene ("gait.period", or "" for the whole file) and its fault."""
 
 
 class WormoptError(Exception):
@@ -47,7 +47,7 @@ class ArgumentError(WormoptError, ValueError, TypeError):
 
 
 class UnknownNameError(ArgumentError, KeyError):
-    """A name that is not there; the message lists those that are, and which one may be meant.
+    """A name that is not there; the message suggests one that may be meant, and lists all.
 
     Parameters
     ----------
@@ -59,6 +59,8 @@ class UnknownNameError(ArgumentError, KeyError):
         The names asked for.
     known : iterable of str
         Those there are.
+    hint : str, optional
+        Further advice at the end of the message.
 
     Examples
     --------
@@ -67,23 +69,29 @@ class UnknownNameError(ArgumentError, KeyError):
     """
 
     def __init__(
-        self, where: str, what: str, unknown: Iterable[object], known: Iterable[object]
+        self,
+        where: str,
+        what: str,
+        unknown: Iterable[object],
+        known: Iterable[object],
+        hint: str = "",
     ) -> None:
         unknown, known = list(unknown), list(known)
         asked, there = (", ".join(map(repr, names)) for names in (unknown, known))
-        self.message = f"{where} has no {what} {asked}; it has {there or 'none'}"
-        if meant := _meant(unknown, known):
-            self.message += f"; did you mean {meant!r}?"
+        meant = _meant(unknown, known)
+        listed = f"did you mean {meant!r}? It has" if meant else "it has"
+        self.message = f"{where} has no {what} {asked}; {listed} {there or 'none'}"
+        self.message += f"; {hint}" if hint else ""
         super().__init__(self.message)
 
-    # KeyError's own puts the message in quotes.
+    # KeyError would put the message in quotes.
     def __str__(self) -> str:
         return self.message
 
 
 def _meant(unknown: list[object], known: list[object]) -> object:
-    """Name that is like the first unknown one; None if there is none."""
-    from difflib import get_close_matches  # here, not above: few names are misspelt
+    """Name that is similar to the first unknown one; None if there is none."""
+    from difflib import get_close_matches  # not imported unless needed
 
     names = {str(name): name for name in known}
     close = get_close_matches(str(unknown[0]), names, n=1) if unknown else []
@@ -119,7 +127,7 @@ class SceneError(WormoptError):
 
 
 def _printable(text: str) -> str:
-    """Texts of files may hold letters that terminals mangle, or obey."""
+    """Escape letters of file texts that terminals mangle or interpret."""
     return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
 
 
@@ -147,7 +155,7 @@ class SolveError(WormoptError):
     no gait meets gait.spike_load; allow at least 15.2
     """
 
-    # `Any`, because errors are the lowest room and may not import the Result above them.
+    # `Any`, because errors are the lowest layer and may not import Result.
     def __init__(
         self, reason: str, suggestion: str = "", partial: Any = None, code: str = ""
     ) -> None:
@@ -192,7 +200,7 @@ class Interrupted(KeyboardInterrupt):
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let the user's interrupt through what would swallow it or make some other error of it."""
+    """Let the user's interrupt pass code that would swallow it or convert it to another error."""
     before = signal.getsignal(signal.SIGINT)
     if current_thread() is not main_thread() or not callable(before):
         yield
@@ -209,7 +217,7 @@ def interruptible() -> Iterator[None]:
             before(number, frame)
         except KeyboardInterrupt:
             if frame and _is_casadi(frame):
-                sys.stderr = StringIO()  # CasADi would write that its integrators failed
+                sys.stderr = StringIO()  # suppresses CasADi's messages about failed integrators
             raise
 
     signal.signal(signal.SIGINT, hear)
@@ -228,8 +236,8 @@ def interruptible() -> Iterator[None]:
 def _is_swallowed(frame: FrameType | None) -> bool:
     """Whether an error raised now may be lost.
 
-    Imports of compiled modules lose it, and so does CasADi where it asks in Python what it was
-    given, but not where it computes, which may take long.
+    Imports of compiled modules lose it, and so does CasADi while it checks arguments in Python,
+    but not during computations, which may take long.
     """
     if frame and all(_is_casadi(f) for f in (frame, frame.f_back) if f):
         return frame.f_code.co_name != "call"
@@ -244,7 +252,7 @@ def _is_casadi(frame: FrameType) -> bool:
 
 def _send_again(number: int) -> None:
     time.sleep(0.005)
-    if sys.platform == "win32":  # where os.kill ends the process, whatever the signal
+    if sys.platform == "win32":  # os.kill would end the process for any signal
         signal.raise_signal(number)
     else:
-        os.kill(os.getpid(), number)  # not raise_signal, which wakes no other thread
+        os.kill(os.getpid(), number)  # raise_signal would wake no other thread

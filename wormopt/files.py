@@ -1,4 +1,4 @@
-"""Files: names of those that a result is kept in, and how any are written, whole or not at all."""
+"""Names of the files of a result, and writing of files, whole or not at all."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ RESULT_FILE = "result.nc"
 SUMMARY_FILE = "summary.json"
 TABLE_FILE = "table.md"
 POINTS = "points"
-"""Folder in that of a sweep where its points are kept."""
+"""Subfolder of a sweep's folder for its points."""
 MARK = f"made by wormopt, sha256 {'0' * 16}"
-"""What files say that wormopt writes by a name of the user's; `sealed` puts their hash there."""
+"""Mark in files that wormopt writes under names of the user; `sealed` inserts their hash."""
 _SEAL = re.compile(rb"made by wormopt, sha256 ([0-9a-f]{16})")
 STILL, MOVING = ("png", "pdf", "svg"), ("gif", "mp4")
-"""Formats of pictures, as suffixes; the second of animations only."""
+"""Formats of pictures, as suffixes; the second for animations only."""
 
 
 def is_there(file: Path) -> bool:
-    """Whether there is such a file; of a name that none can have there is none."""
-    return os.path.isfile(file)  # noqa: PTH113  Path.is_file raises where a name is too long
+    """Whether there is such a file; False for invalid names."""
+    return os.path.isfile(file)  # noqa: PTH113  Path.is_file raises for too long names
 
 
 def picture_file(picture: str, form: str | None = None) -> str:
-    """Name of the file for a picture, a word of ``want``, in the usual format or another."""
+    """Name of the file for a picture, a word of ``want``, in the default format or another."""
     return f"{picture}.{form or ('gif' if picture == 'animation' else 'png')}"
 
 
 def hash_of(file: Path) -> str:
-    """SHA-256 of a file's bytes, by which it is known to be as it was written."""
+    """SHA-256 of a file's bytes, by which changes are detected."""
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def digest_of(summary: Mapping[str, Any]) -> str:
-    """SHA-256 of what a summary says, by which it is known to be as it was written."""
+    """SHA-256 of a summary's content, by which changes are detected."""
     rest = {name: value for name, value in summary.items() if name != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def write_summary(folder: Path, summary: Mapping[str, Any], names: Iterable[str]) -> None:
-    """Write a summary that tells the hashes of files beside it, its own, and those it told."""
+    """Write a summary with hashes of files beside it, its own, and those of the earlier summary."""
     hashes = summary.get("sha256", {}) | {name: hash_of(folder / name) for name in names}
     hashes[SUMMARY_FILE] = digest_of(summary)
     whole = {**summary, "sha256": hashes}
@@ -59,9 +59,9 @@ def write_summary(folder: Path, summary: Mapping[str, Any], names: Iterable[str]
 
 
 def sealed(content: bytes) -> bytes:
-    """Put the hash of a file into its mark; of what was sealed and not changed it gives the same.
+    """Insert the hash of a file into its mark; idempotent for unchanged files.
 
-    A file without a mark stays as it is.
+    A file without a mark is unchanged.
     """
     digest = hashlib.sha256(_marked(content, b"0" * 16)).hexdigest()
     return _marked(content, digest[:16].encode())
@@ -84,9 +84,9 @@ def _marked(content: bytes, digits: bytes) -> bytes:
 def write_files(
     files: Mapping[Path, bytes], *, force: bool | None = False, own: Collection[Path] = ()
 ) -> None:
-    """Write files, all or none, each whole; one that is there and the same is left.
+    """Write files, all or none, each whole; an equal file is left.
 
-    See `refuse_obstacle` for what is replaced. Raises OutputError where anything else is in the
+    See `refuse_obstacle` for files that are replaced. Raises OutputError if anything else is in the
     way, or if they cannot be written.
     """
     files = {path: sealed(content) for path, content in files.items()}
@@ -102,7 +102,7 @@ def write_files(
             for path, part in unfinished.items():
                 part.write_bytes(files[path])
             for path, part in unfinished.items():
-                refuse_obstacle(path, files[path], force=force, own=own)  # what came meanwhile
+                refuse_obstacle(path, files[path], force=force, own=own)  # files written meanwhile
                 part.replace(path)
         finally:
             for part in unfinished.values():
@@ -115,10 +115,10 @@ def write_files(
 def refuse_obstacle(
     path: Path, content: bytes = b"", *, force: bool | None, own: Collection[Path] = ()
 ) -> None:
-    """Raise OutputError where something else than this content is in the way.
+    """Raise OutputError if something else than this content is in the way.
 
-    What is in `own` may be replaced, and with `force` what wormopt made and nobody changed; None
-    where the user has no such choice.
+    Files in `own` may be replaced, and with `force` unchanged files of wormopt; None if the user
+    has no such choice.
     """
     if not os.path.lexists(path):
         return

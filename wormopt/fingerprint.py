@@ -1,4 +1,4 @@
-"""Whether code computes the same as before: hashes of syntax trees, without comments."""
+"""Hashes of the code that computes: of syntax trees, without comments."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from functools import cache
 from pathlib import Path
 
 _ROOT = Path(__file__).parent
-# What is kept by such a hash is read back as of this form; a new number for a new form.
+# Version of this form of hashes; increase it for a new form.
 _FORM = 1
-# Rooms that compute nothing. What scenes say is part of the names of the files.
+# Packages that compute nothing. Contents of scenes are part of the names of the files.
 _SHOWS = {"study", "scenes", "plotting", "plots", "quantities", "result", "saving", "errors",
           "files", "kinds", "progress", "version"}  # fmt: skip
 
 
 @cache
 def code_key(module: str) -> str:
-    """Hash of what a module and all that it imports compute.
+    """Hash of the code of a module and of all its imports.
 
-    Comments and docstrings do not count, nor does what the module does not import.
+    Comments, docstrings and modules that are not imported have no effect.
     """
     key = hashlib.sha256(f"{_FORM}".encode())
     for name in sorted(_imported(module, _files(_ROOT))):
@@ -47,7 +47,7 @@ def _is_text(node: ast.AST) -> bool:
 
 
 def _imported(start: str, files: dict[str, Path]) -> set[str]:
-    """A module of the package, and all that it imports, directly or not."""
+    """A module of the package, and all its imports, direct or not."""
     found, todo = set[str](), [start]
     while todo:
         name = todo.pop()
@@ -58,7 +58,7 @@ def _imported(start: str, files: dict[str, Path]) -> set[str]:
 
 
 def _imports(tree: ast.Module) -> Iterator[str]:
-    """Names of what may be modules, wherever they are imported."""
+    """Names of possible modules, wherever they are imported."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

@@ -1,4 +1,4 @@
-"""Registry of scene kinds: each is one class, found by the name it says and loaded on use."""
+"""Registry of scene kinds: each is one class, found by its `kind` and loaded on use."""
 
 from __future__ import annotations
 
@@ -30,15 +30,16 @@ class Kind:
     def pictures(self) -> Mapping[str, str]:
         """Word of ``want``: "module:function" that composes the picture of a result.
 
-        Of a function first_frame the module moves it by ``pose``, over so many FRAMES.
+        If the function is first_frame, ``pose`` of its module animates it over FRAMES frames.
         """
         return self.load().pictures
 
 
 def studies_in(systems: Path) -> Iterator[tuple[str, Kind]]:
-    """Yield kinds by name: classes in a folder of systems that say theirs, without importing it."""
+    """Yield kinds by name: classes in a folder of systems with a `kind`, without importing them."""
     for path in sorted(systems.glob("*/*.py")):
-        for name, kind, first in _STUDY.findall(path.read_text(encoding="utf-8")):
+        text = path.read_text(encoding="utf-8")
+        for name, kind, first in _STUDY.findall(text) if 'kind="' in text else ():
             module = f"wormopt.systems.{path.parent.name}.{path.stem}"
             yield kind, Kind(f"{first[0].lower()}{first[1:]}".strip('."'), name, module)
 

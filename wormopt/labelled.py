@@ -1,8 +1,8 @@
-"""Variables as tables of xarray and pandas: every dimension has a coordinate that selects.
+"""Variables as tables of xarray and pandas, with a coordinate for every dimension.
 
-Dimensions count from 0 where nothing names their entries. Where something jumps, an instant stands
-twice, before and after; an index must not, so the earlier one is moved back by the last digit: at
-the instant itself a table shows what follows.
+Dimensions are numbered from 0 if their entries have no names. At a jump an instant occurs twice,
+before and after; since an index must be unique, the earlier one is moved back by the last digit: at
+the instant itself a table shows the later value.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Samples(NamedTuple):
-    """A named array like a Variable, of any name, without a unit where that is empty."""
+    """A named array like a Variable, of any name; it may have an empty unit."""
 
     name: str
     dims: tuple[str, ...]
@@ -37,13 +37,13 @@ Array = Variable | Samples
 
 Names = Mapping[str, Sequence[str]]
 """Dimension: names of its entries."""
-# Dimensions that rows of a table go along, where there is one.
+# Preferred dimensions of the rows of a table.
 _ROWS = ("time", "instant")
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 def optional(package: str) -> ModuleType:
-    """Import pandas or xarray; where it is missing, the ImportError names the extra `data`."""
+    """Import pandas or xarray; the ImportError names the extra `data`."""
     try:
         return import_module(package)
     except ImportError as error:
@@ -53,7 +53,7 @@ def optional(package: str) -> ModuleType:
 
 
 def labels(dims: Iterable[str], held: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Names along dimensions, where lists of texts are called like them: trackers, rivals."""
+    """Names along dimensions, from lists of texts of the same names: trackers, rivals."""
     found: dict[str, list[str]] = {}
     for dim in dims:
         names = held.get(f"{dim.removeprefix('other_')}s")
@@ -82,9 +82,9 @@ def dataset(
     xarray = optional("xarray")
     variables = tuple(variables)
     own = coordinates(variables, names)
-    units = {v.name: _told(v) for v in variables}
+    units = {v.name: _attributes(v) for v in variables}
     return xarray.Dataset(
-        {v.name: (v.dims, v.values, _told(v)) for v in variables if v.name not in own},
+        {v.name: (v.dims, v.values, _attributes(v)) for v in variables if v.name not in own},
         coords={dim: (dim, values, units.get(dim, {})) for dim, values in own.items()},
         attrs=dict(attributes),
     )
@@ -93,10 +93,10 @@ def dataset(
 def dataframe(
     variables: Iterable[Array], names: Names = _NONE, over: str | None = None
 ) -> pandas.DataFrame:
-    """Make a pandas.DataFrame along one dimension: of time, or that most variables have.
+    """Make a pandas.DataFrame along one dimension: time, or that of most variables.
 
-    Columns are named after the entries of the other dimensions, ``length_0``; their units stand
-    in ``attrs["units"]``. UnknownNameError if nothing goes along the dimension asked for.
+    Columns are named after the entries of the other dimensions, ``length_0``; their units are in
+    ``attrs["units"]``. UnknownNameError if no variable has the requested dimension.
     """
     pandas = optional("pandas")
     variables = tuple(variables)
@@ -116,8 +116,8 @@ def dataframe(
             columns[name], units[name] = column, v.unit
     units |= {v.name: v.unit for v in variables if v.name == row}
     frame = pandas.DataFrame(columns, index=pandas.Index(own[row], name=row))
-    told = {name: unit for name, unit in units.items() if unit}
-    frame.attrs |= {"units": told} if told else {}
+    known = {name: unit for name, unit in units.items() if unit}
+    frame.attrs |= {"units": known} if known else {}
     return frame
 
 
@@ -137,6 +137,6 @@ def _most(variables: Sequence[Array]) -> str:
     return timed[0] if timed else max(dict.fromkeys(dims), key=dims.count, default="time")
 
 
-def _told(variable: Array) -> dict[str, str]:
-    told = {"units": variable.unit, "long_name": variable.long_name}
-    return told if variable.unit else {}
+def _attributes(variable: Array) -> dict[str, str]:
+    attributes = {"units": variable.unit, "long_name": variable.long_name}
+    return attributes if variable.unit else {}

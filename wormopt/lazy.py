@@ -10,7 +10,7 @@ from textwrap import fill
 from typing import Any
 
 _DECLARED = re.compile(r"^from (\S+) import (\w+) as (\w+)$", re.MULTILINE)
-# Former public names and what they are called now.
+# Former public names and their present names.
 _RENAMED = {
     "Decisions": "MpcOptions",
     "Doubt": "NonsmoothEvent",

@@ -1,7 +1,7 @@
-"""How a study says how far it is.
+"""Reports of the progress of studies.
 
-A study is given a `Report` and calls it with what it is doing and the fraction done (None where
-that is unknown). Who listens, and whether a terminal is there at all, is not its concern.
+A study calls its `Report` with the present step and the fraction done (None if unknown). It does
+not depend on who listens, or whether there is a terminal.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 
-# Seconds to the first line where there is no terminal, and longest between two of them.
+# Seconds to the first line without a terminal, and longest between two lines.
 _FIRST_LINE, _RAREST_LINE = 10.0, 300.0
 
 Report = Callable[[str, "float | None"], None]
@@ -23,7 +23,7 @@ def silent(text: str, fraction: float | None = None) -> None:
 
 @contextmanager
 def shown_on_stderr(quiet: bool = False) -> Iterator[Report]:
-    """Give a `Report` that shows progress on stderr while the context lasts.
+    """Yield a `Report` that shows progress on stderr during the context.
 
     A bar on a terminal; elsewhere a line now and then, the first after ten seconds, without
     loading the drawing library.

@@ -1,6 +1,6 @@
 """Numbers and arrays with units, and the units of quantities.
 
-NumPy is loaded by the first array: scenes are checked without one.
+NumPy is loaded for arrays only, so that scenes are checked without it.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ UNITS = {
     "count": "1",
 }
 GRAVITY = 9.80665
-"""Standard acceleration of the fall, m/s²."""
-# Units that scenes of both kinds use as they are.
+"""Standard acceleration of gravity, m/s²."""
+# Units of scenes of both kinds.
 ABSOLUTE = ("rad", "s", "Oe", "1")
 
 
@@ -122,9 +122,9 @@ def unit_ratio(quantity: str, per: str, units: str) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Turn a value into what JSON can say: arrays into lists, NaN and infinity into None.
+    """Convert a value to JSON types: arrays to lists, NaN and infinity to None.
 
-    Raises TypeError for what is no number, text, None, array, or list or mapping of these.
+    Raises TypeError for anything but numbers, texts, None, arrays, and lists or mappings of these.
     """
     if hasattr(value, "tolist"):  # arrays and numbers of NumPy
         value = value.tolist()

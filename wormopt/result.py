@@ -1,7 +1,7 @@
-"""What a study found: named signals with units, scalars, a trust report; saved and loaded.
+"""Results: signals with units, scalars, a trust report; saved and loaded.
 
-A Result lives in two files. ``result.nc`` (NetCDF-3, opens in xarray) holds everything and
-loads back to an equal Result; ``summary.json`` holds what a person or a script reads first.
+A Result has two files. ``result.nc`` (NetCDF-3, readable by xarray) contains everything and loads
+as an equal Result; ``summary.json`` contains what a person or a script reads first.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Status = Literal["ok", "unchecked", "failed"]
 class Unchecked(str):
     """A warning that leaves a result unchecked: its numbers are neither confirmed nor refuted.
 
-    No second route was taken, or the theory leaves out what is not small here.
+    There is no second route, or the theory neglects effects that are not small here.
     """
 
     __slots__ = ()
@@ -38,9 +38,9 @@ NOT_RECHECKED = Unchecked("not rechecked by a second route: tolerance.recheck is
 
 
 def left_out(share: float, text: str) -> str:
-    """Return a warning of what a theory leaves out, a share of what it keeps.
+    """Return a warning about a neglected effect, as a share of those included.
 
-    The warning is `Unchecked` where the share is above 1: the theory does not hold there.
+    The warning is `Unchecked` if the share is above 1: the theory does not hold there.
     """
     return Unchecked(text) if share > 1 else text
 
@@ -72,7 +72,7 @@ class Check:
     value: float | None
     limit: float
     advice: str = ""
-    passed: bool = None  # pyright: ignore[reportAssignmentType]  told by value and limit
+    passed: bool = None  # pyright: ignore[reportAssignmentType]  set from value and limit
 
     def __post_init__(self) -> None:
         if self.passed is None:
@@ -80,13 +80,13 @@ class Check:
             object.__setattr__(self, "passed", within)
 
     def found(self) -> dict[str, Any]:
-        """Give all but the name, for a trust report; advice where it is due."""
+        """Entries of a trust report without the name; with advice if the check failed."""
         found = {"value": self.value, "limit": self.limit, "passed": self.passed}
         return found if self.passed else found | {"advice": self.advice}
 
 
 class Scalars(dict[str, Scalar]):
-    """Numbers by name; UnknownNameError, a KeyError, lists them where there is no such name."""
+    """Numbers by name; for other names UnknownNameError, a KeyError, lists them."""
 
     def __missing__(self, name: str) -> Scalar:
         raise UnknownNameError("the result", "scalar", [name], self)
@@ -98,8 +98,8 @@ class Trust(dict[str, Any]):
     def _repr_html_(self) -> str:
         facts = [(name, brief(value), "") for name, value in self.items() if name != "checks"]
         checks = [
-            (name, brief(told["value"]), f"accepted up to {told['limit']:.3g}")
-            for name, told in self.get("checks", {}).items()
+            (name, brief(check["value"]), f"accepted up to {check['limit']:.3g}")
+            for name, check in self.get("checks", {}).items()
         ]
         return html("Trust report", [Part("", facts), Part("Checks", checks)])
 
@@ -210,8 +210,8 @@ class Result:
     @property
     def checks(self) -> tuple[Check, ...]:
         """What the trust report accepts or not, line by line."""
-        told = self.trust.get("checks", {}).items()
-        return tuple(Check(name, **found) for name, found in told if isinstance(found, Mapping))
+        checks = self.trust.get("checks", {}).items()
+        return tuple(Check(name, **found) for name, found in checks if isinstance(found, Mapping))
 
     def failed(self, reason: str) -> Result:
         """Give the same as a failed result.
@@ -322,7 +322,7 @@ class Result:
         return above("wormopt.plotting:figure")(self, picture or self._picture())
 
     def _picture(self) -> str:
-        """First picture that the scene wants, or that its kind has; empty where there is none."""
+        """First picture that the scene wants, or that its kind has; empty if there is none."""
         there = above("wormopt.plotting:pictures_of")(self)
         wanted = json.loads(self.scene_text).get("want", []) if self.scene_text else []
         return next((name for name in (*wanted, *there) if name in there), "")

@@ -1,4 +1,4 @@
-"""The verb `run`: a scene in, its Result out; and results that were saved."""
+"""The verb `run`, from a scene to its Result; and saved results."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
 from wormopt.files import RESULT_FILE
+from wormopt.model.given import names_in
 from wormopt.progress import Report, silent
 from wormopt.study import Scene, Study, load_scene
 from wormopt.study.overrides import Overrides
@@ -34,9 +35,9 @@ def run(
     overrides : str, mapping, or iterable of them
         Changes, as for `load_scene`.
     report : callable
-        Is told what is being done and the fraction done, see `wormopt.progress`.
+        Called with a message and the fraction done, see `wormopt.progress`.
     only : str or sequence of str, optional
-        Names of scalars, variables and checks: nothing else is computed, but for what these need.
+        Names of scalars, variables and checks to compute. Only what they need is computed.
 
     Returns
     -------
@@ -63,13 +64,13 @@ def run(
     """
     if overrides or not isinstance(scene, Scene):
         scene = load_scene(scene, overrides)
-    start = perf_counter()
-    study, loaded = scene.table, perf_counter()
-    only = (only,) if isinstance(only, str) else only
+    study, start = scene.table, perf_counter()
+    only = names_in("only", only)
     with interruptible():
         result = study.only(*only, report=report) if only else study.result(report)
-    timings = {"load": loaded - start, **result.timings_s, "study": perf_counter() - loaded}
-    return dataclasses.replace(result, timings_s=timings)
+    return dataclasses.replace(
+        result, timings_s={**result.timings_s, "study": perf_counter() - start}
+    )
 
 
 def load(
@@ -77,9 +78,9 @@ def load(
 ) -> Any:
     """Read a scene as a study, which computes each of its results when it is asked for.
 
-    A result is an attribute of the study, as is a key of the scene; it is computed once, with what
-    it needs and nothing else. ``study.result()`` computes all, as `run` does, and ``study.vary``
-    gives the same study with other keys.
+    Keys of the scene are attributes of the study. ``study["speed"]`` is a scalar or variable of its
+    results, computed once, with what it needs and nothing else. ``study.result()`` computes all, as
+    `run` does, and ``study.vary`` gives the same study with other keys.
 
     Parameters
     ----------
@@ -103,8 +104,9 @@ def load(
     Examples
     --------
     >>> import wormopt as wo
-    >>> study = wo.load("coil_cargo")  # doctest: +SKIP
-    >>> study.float_speed  # doctest: +SKIP
+    >>> study = wo.load("fast_gait")
+    >>> study.worm.links, round(study["advance"], 9)
+    (2, 1.2)
     """
     return load_scene(scene, overrides, **tables).table
 
@@ -113,9 +115,9 @@ _NO_MEMORY = "more memory is needed than there is; shorter times, or fewer sampl
 
 
 def attempt(scene: Scene[Any], report: Report = silent, only: Sequence[str] = ()) -> Result:
-    """Run a scene; what it found before it failed is a Result too, with the reason.
+    """Run a scene; results before a failure are a Result too, with the reason.
 
-    Raises Interrupted, with such a Result, where it was stopped.
+    Raises Interrupted, with such a Result, if it was stopped.
     """
     try:
         return run(scene, report=report, only=only)
@@ -130,14 +132,14 @@ def attempt(scene: Scene[Any], report: Report = silent, only: Sequence[str] = ()
 def _failed(scene: Scene[Any], partial: object, reason: str = "") -> Result:
     from wormopt.result import Result
 
-    # a motion that a study came upon is no Result of it
+    # an intermediate motion of a study is no Result of it
     found = partial if isinstance(partial, Result) else scene.table.unfinished(reason)
     known = found.reason if found.status == "failed" else ""
     return found.failed(reason or known or "interrupted")
 
 
 def result_at(given: str | Path) -> Result:
-    """Read a saved result; ArgumentError, with what to write instead, where there is none."""
+    """Read a saved result; ArgumentError, with what to write instead, if there is none."""
     path = Path(given)
     why = _missing(path)
     if not why:
@@ -153,7 +155,7 @@ def result_at(given: str | Path) -> Result:
 
 
 def _missing(path: Path) -> str:
-    """Why there can be no result; empty where there may be one."""
+    """Reason why there can be no result; empty if there may be one."""
     try:
         if path.is_dir() and not (path / RESULT_FILE).exists():
             return f"holds no {RESULT_FILE}; name a folder that `wormopt run` wrote"

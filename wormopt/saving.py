@@ -1,4 +1,4 @@
-"""Results in files: ``result.nc`` (NetCDF-3) holds everything, ``summary.json`` is read first."""
+"""Files of results: ``result.nc`` (NetCDF-3) contains everything, ``summary.json`` the summary."""
 
 from __future__ import annotations
 
@@ -46,9 +46,18 @@ def load(path: Path) -> dict[str, Any]:
 
 def _exports(result: Any) -> dict[str, str]:
     kind = kind_of(result)
-    parts = {name: text.split(":") for name, text in (kind.load().exports if kind else {}).items()}
-    made = {name: getattr(import_module(m), f)(result) for name, (m, f) in parts.items()}
-    return {name: text for name, text in made.items() if text is not None}
+    made: dict[str, str] = {}
+    for name, maker in (kind.load().exports if kind else {}).items():
+        module, function = maker.split(":")
+        try:
+            text = getattr(import_module(module), function)(result)
+        except KeyError:  # a partial result need not hold what the file needs
+            if result.status != "failed":
+                raise
+            continue
+        if text is not None:
+            made[name] = text
+    return made
 
 
 def write_netcdf(result: Any, path: Path) -> None:
@@ -92,7 +101,7 @@ def _write_variable(file: Any, variable: Variable) -> None:
 
 
 def _write_number(file: Any, name: str, scalar: Scalar) -> None:
-    """Write a single number as a variable too, for readers that know no JSON attributes."""
+    """Write a single number as a variable too, for readers without JSON attributes."""
     if isinstance(scalar.value, int | float) and NAME.fullmatch(name):
         stored = file.createVariable(name, "d", ())
         stored.data[...] = scalar.value

@@ -1,4 +1,4 @@
-"""Values as text, short or whole, and tables in HTML for notebooks."""
+"""Values as text, short or complete, and tables in HTML for notebooks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CELL = "text-align:left;padding:0.1em 1.2em 0.1em 0"
 
 
 def text(value: Any, digits: int = WHOLE) -> str:
-    """Write a value of a Result whole."""
+    """Write a value of a Result completely."""
     if value is None:
         return "unknown"
     if isinstance(value, float):
@@ -31,14 +31,14 @@ def text(value: Any, digits: int = WHOLE) -> str:
 
 
 def enough(value: float, digits: int, slack: float = 1e-9) -> float:
-    """Round up to so many digits, but for a share that does not count."""
+    """Round up to this many digits, ignoring a negligible excess."""
     return float(
         Context(prec=digits, rounding=ROUND_CEILING).plus(Decimal(value - slack * abs(value)))
     )
 
 
 def brief(value: Any, width: int = _VALUE) -> str:
-    """Write a value with few digits; of a long list its first entries, and how many there are."""
+    """Write a value with few digits; of a long list its first entries, and its length."""
     whole = text(value, SHORT)
     if not isinstance(value, list) or len(whole) <= width:
         return line(whole, width) if value != [] else "none"
@@ -57,18 +57,18 @@ def one_line(words: str) -> str:
 
 
 def line(words: str, width: int = _LINE) -> str:
-    """Write on one line, cut where it is too long."""
+    """Write on one line, cut if it is too long."""
     words = one_line(words)
     return words if len(words) <= width else f"{words[: width - 1]}…"
 
 
 def lines(*each: str) -> str:
-    """Write a repr of so many lines."""
+    """Write a repr of several lines."""
     return "\n".join(map(line, filter(None, each)))
 
 
 def listed(signals: Iterable[Any]) -> str:
-    """Names of signals, with their sizes where these are not 1."""
+    """Names of signals, with sizes other than 1."""
     return ", ".join(s.name if s.size == 1 else f"{s.name}[{s.size}]" for s in signals)
 
 

@@ -1,8 +1,8 @@
-"""The one reader of tables in text files: recordings, gait tables and fields.
+"""The reader of tables in text files: recordings, gait tables and fields.
 
-It takes what spreadsheets, loggers and programs write: separators `;`, tab, `,` or blanks, decimal
+It reads output of spreadsheets, loggers and programs: separators `;`, tab, `,` or blanks, decimal
 points or commas, UTF-8 or UTF-16, lines above the names, remarks, units in the names or below
-them, gaps. It loads no numerics, so that `wormopt check` reads files, too.
+them, gaps. It imports no numerics, so that `wormopt check` reads files, too.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from pathlib import Path
 from wormopt.units import scale
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
-"""What names of text files with tables end in, where results are read, too."""
+"""Suffixes of text files with tables that may be read."""
 _SPREADSHEET_ERRORS = tuple(
     "#n/a #na #nv #n/d #null! #div/0! #value! #wert! #ref! #bezug! #name? #num! #zahl!".split()
 )
-# Cells that stand for a reading that is not there; NumPy prints what is masked as --.
+# Cells of missing readings; NumPy prints masked values as --.
 _GAPS = frozenset(
     (
         *("", "-", "--", "na", "n/a", "<na>", "null", "none", *_SPREADSHEET_ERRORS),
@@ -32,9 +32,9 @@ _GAPS = frozenset(
 )
 _SIZES = (("", ""), ("milli", "m"), ("micro", "u"), ("nano", "n"), ("centi", "c"), ("deci", "d"))
 _MOST_BYTES = 500_000_000
-# Lines that may be above the names; lines at the end that show what separates cells.
+# Most lines above the names; number of last lines that determine the separator.
 _MOST_ABOVE, _LOOKED_AT = 100, 30
-# Lines that a cell in quotation marks may have.
+# Most lines of a cell in quotation marks.
 _MOST_LINES_OF_CELL = 5
 _SEPARATORS = (";", "\t", ",", " ")
 # "position[1]" is an entry, "position [1]" a number without a unit
@@ -44,7 +44,7 @@ _BRACKETS = re.compile(
 )
 _QUOTIENT = re.compile(r"(?P<name>\S.*?)(?:\s*/\s*|\s+in\s+)(?P<unit>[^/]+)")
 _IN = re.compile(r"\s+in$|^in\s+", re.IGNORECASE)
-# units that names seem to hold, by what is written
+# apparent units in names
 _MEANT = {
     **{unit: unit for unit in "ns us µs μs ms s min um µm μm mm cm dm m".split()},
     **{f"{size}second{s}": f"{short}s" for s in ("", "s") for size, short in _SIZES},
@@ -64,7 +64,7 @@ _SEPARATED = re.compile(r"[+-]?\d{1,3}(?:[., '’_\u2009\u202f]\d{3})+(?:[.,]\d*
 _CLOCK = re.compile(r"(\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4})?[T ]*(\d\d?:\d\d.*)?")
 
 Wrong = tuple[str, str]
-"""Column that something is wrong with, "" for the whole table, and what, with its line."""
+"""Column with a fault, "" for the whole table, and the fault, with its line."""
 Row = tuple[int, list[str]]
 """Number of a line, and its cells."""
 
@@ -191,14 +191,14 @@ def parse_table(
                     wrong.append((name, f" line {n}, column {name}: {cell} {what}"))
         values[name] = tuple(math.nan if v is None or name in texts else v for v in numbers)
     wrong.sort(key=_line_of)
-    said = tuple(text for _, text in remarks)
-    return TextTable(values, units, frozenset(texts), said, at, tuple(n for n, _ in rows))
+    kept = tuple(text for _, text in remarks)
+    return TextTable(values, units, frozenset(texts), kept, at, tuple(n for n, _ in rows))
 
 
 def unit_meant(name: str) -> tuple[str, str]:
-    """Name and unit of what seems to hold one, though not in brackets: ``t_ms``, ``t {ms}``.
+    """Name and apparent unit without brackets: ``t_ms``, ``t {ms}``.
 
-    The unit is "" where there is none.
+    The unit is "" if there is none.
     """
     for form in (r"[\[({<]\s*([^\W\d_]+)\s*[\])}>]", r"([^\W\d_]+)\W*$"):
         found = re.search(form, name)
@@ -207,7 +207,7 @@ def unit_meant(name: str) -> tuple[str, str]:
         word, before = found[1], name[: found.start(1)]
         unit = _MEANT.get(word, _MEANT.get(word.lower(), "") if len(word) > 1 else "")
         bare = _IN.sub("", re.sub(r"[\W_]+$", "", before))
-        # one letter alone is a name, and one behind a digit a part of it
+        # one letter alone is a name, and one behind a digit is part of it
         if unit and (len(word) > 1 or (bare and not before[-1].isalnum())):
             return bare, unit
     return name, ""
@@ -217,9 +217,9 @@ def unit_meant(name: str) -> tuple[str, str]:
 
 
 def _decoded(content: bytes) -> str | None:
-    """Text of a file, in UTF-8, UTF-16, UTF-32 or as Windows writes it; None if it is none."""
+    """Text of a file, in UTF-8, UTF-16, UTF-32 or Windows-1252; None if it is none."""
     for mark, encoding in (
-        (codecs.BOM_UTF32_LE, "utf-32"),  # begins as that of UTF-16
+        (codecs.BOM_UTF32_LE, "utf-32"),  # begins like UTF-16
         (codecs.BOM_UTF32_BE, "utf-32"),
         (codecs.BOM_UTF8, "utf-8-sig"),
         (codecs.BOM_UTF16_LE, "utf-16"),
@@ -254,7 +254,7 @@ def _split(text: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
         if bare[:1] in ("#", "%") and not bare.lower().startswith(_SPREADSHEET_ERRORS):
             remarks.append((number, bare.lstrip("#% \t")))
             continue
-        if line.count('"') % 2:  # a name in quotation marks that goes on in the next lines
+        if line.count('"') % 2:  # a name in quotation marks that continues in the next lines
             more = [text for _, text in whole[: -_MOST_LINES_OF_CELL - 1 : -1]]
             ends = [k for k, text in enumerate(more, 1) if text.count('"') % 2]
             if ends:
@@ -276,14 +276,14 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _separator(lines: list[tuple[int, str]]) -> str:
-    """What separates the cells of the last lines, "" where they have one only.
+    """Separator of the cells of the last lines, "" if they have only one cell.
 
-    It is what cuts them into as many cells each, of which most are numbers.
+    It splits them into equal numbers of cells, most of which are numbers.
     """
 
     def share(separator: str) -> float:
         rows = [_cells(line, separator) for _, line in lines[-_LOOKED_AT:]]
-        if separator != " " and not any(row[-1] for row in rows):  # it ends every line
+        if separator != " " and not any(row[-1] for row in rows):  # every line ends with it
             rows = [row[:-1] for row in rows]
         width = Counter(map(len, rows)).most_common(1)[0][0]
         if width < 2:
@@ -292,15 +292,15 @@ def _separator(lines: list[tuple[int, str]]) -> str:
         return good / (width * len(rows))
 
     shares = {separator: share(separator) for separator in _SEPARATORS}
-    best = max(shares, key=shares.__getitem__)  # the first of several that are as good
+    best = max(shares, key=shares.__getitem__)  # the first of equally good ones
     return best if shares[best] else ""
 
 
 def _line_of_names(lines: list[tuple[int, str]], separator: str, time: str) -> tuple[int, str]:
-    """Index of the line that names the columns, and what separates its cells.
+    """Index of the line that names the columns, and its separator.
 
-    It is the line with the column of times. Where none has it, it is the last line of words above
-    the numbers; -1 if there is none.
+    It is the line with the column of times; else the last line of words above the numbers; -1 if
+    there is none.
     """
     for each in (separator, *_SEPARATORS) if time else ():
         for k, (_, line) in enumerate(lines[:_MOST_ABOVE]):
@@ -327,10 +327,10 @@ def _filled(row: list[str]) -> int:
 def _names_and_units(
     head: Row | None, remarks: list[tuple[int, str]], rows: list[Row], time: str
 ) -> tuple[Row | None, list[str]]:
-    """Names of the columns, and cells of a line that holds only their units, [] without one.
+    """Names of the columns, and cells of a line that contains only their units, [] without one.
 
-    `head` is the line of words above the numbers. A remark may hold the names, as NumPy writes it,
-    where `head` is only a title or units; or the units of the names in `head`.
+    `head` is the line of words above the numbers. A remark may contain the names, as written by
+    NumPy, if `head` is only a title or units; or the units of the names in `head`.
     """
     found = [] if not rows else _remarks_of_cells(remarks, rows[0])
     names = [row for row in found if not _all_units(row[1]) and (not time or _has(row[1], time))]
@@ -342,7 +342,9 @@ def _names_and_units(
         return above[0], cells
     title = len(cells) < len(rows[0][1]) or (time and not _has(cells, time)) if rows else False
     for row in names:
-        if row[0] > head[0] and (title or (any(map(_is_unit, _said(row[1]))) and not _said(cells))):
+        if row[0] > head[0] and (
+            title or (any(map(_is_unit, _units_of(row[1]))) and not _units_of(cells))
+        ):
             return row, []
     below = [row[1] for row in found if row[0] > head[0] and _all_units(row[1])]
     return head, below[0] if below and len(below[0]) == len(cells) else []
@@ -363,8 +365,8 @@ def _all_units(cells: list[str]) -> bool:
     return bool(_units(cells, cells))
 
 
-def _said(cells: list[str]) -> list[str]:
-    """Units behind the names, or what stands in their place."""
+def _units_of(cells: list[str]) -> list[str]:
+    """Units after the names, or their replacement."""
     return [unit for cell in cells if (unit := name_and_unit(cell)[1])]
 
 
@@ -405,7 +407,7 @@ def _names(head: Row, wrong: list[Wrong]) -> tuple[list[str], dict[str, str]]:
 
 
 def _units(cells: list[str], names: list[str]) -> dict[str, str]:
-    """Units that a line below the names holds, if it holds nothing else."""
+    """Units in a line below the names, if it contains nothing else."""
     bare = [re.sub(r"^[\[(](.*)[\])]$", r"\1", cell).strip() for cell in cells]
     if len(bare) != len(names) or not all(_is_unit(unit) or unit in ("", "-") for unit in bare):
         return {}
@@ -470,7 +472,7 @@ def _number(cell: str, comma: bool) -> float | None:
 
 
 def _is_number(cell: str) -> bool:
-    """Whether a cell is a number with a point or a comma, or a gap that is written."""
+    """Whether a cell is a number with a point or a comma, or the mark of a gap."""
     return bool(cell) and _number(cell, comma=True) is not None
 
 

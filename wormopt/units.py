@@ -12,11 +12,11 @@ from fractions import Fraction
 from wormopt.quantities import unit_of
 
 Dimension = dict[str, int]
-"""Powers of m, kg, s, A and rad, those that are not 0; a turn is no mere number here."""
+"""Nonzero powers of m, kg, s, A and rad; a turn is not dimensionless here."""
 
 _PREFIXES = {"n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "d": -1, "k": 3, "M": 6, "G": 9}
 _TURN = Fraction(math.pi) / 180
-# Symbol: factor, and the units of the base that it is made of.
+# Symbol: factor, and its base units.
 _PREFIXED: dict[str, tuple[Fraction, str]] = {
     "m": (Fraction(1), "m"),
     "g": (Fraction(1, 1000), "kg"),
@@ -46,10 +46,10 @@ _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _TEXT = re.compile(rf"\s*((?>{_NUMBER}))\s*(\S.*?)\s*", re.ASCII)
 _FACTOR = re.compile(r"([A-Za-zµμ°%Ω]+|1)(?:\^?([+-]?\d))?")
 WITH_UNIT = r"^\s*[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?\s*[A-Za-zµμ°%Ω1/]"
-"""How such a text begins, as a pattern for JSON Schema."""
+"""Beginning of such a text, as a pattern for JSON Schema."""
 
 _POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-# How a number of that unit may be written; both say the same.
+# Equivalent notations of a number with that unit.
 _EXAMPLES = {
     "m": ("60 mm", "0.06"),
     "s": ("60 ms", "0.06"),
@@ -65,15 +65,14 @@ _EXAMPLES = {
 
 
 def has_unit(text: str) -> bool:
-    """Whether a text is a number with something behind it, as "60 mm" is."""
+    """Whether a text is a number followed by something, such as "60 mm"."""
     return _TEXT.fullmatch(text) is not None
 
 
 def to_number(text: str, quantity: str, units: str) -> float:
-    """Turn a number with its unit into one in the unit of its quantity.
+    """Convert a number with its unit to the unit of its quantity.
 
-    `units` is the scene's, "dimensionless" or "SI". ValueError says what cannot be used and what
-    to write.
+    `units` is the scene's, "dimensionless" or "SI". ValueError describes the fault and the remedy.
     """
     found = _TEXT.fullmatch(text)
     assert found, text
@@ -81,7 +80,7 @@ def to_number(text: str, quantity: str, units: str) -> float:
         if text.count(",") > 1 or "." in text:
             raise ValueError(f"is a list without brackets; write [{text.strip()}]")
         raise ValueError(f'has a decimal comma; write "{text.strip().replace(",", ".")}"')
-    # Radians are numbers in scenes without units, too: degrees may stand there.
+    # Radians are numbers in scenes without units, too: degrees are allowed there.
     target = unit_of("rad" if quantity == "angle" else quantity, units)
     if target == "1" and units != "SI" and unit_of(quantity, "SI") != "1":
         raise ValueError('has a unit in a scene without; write the bare number, or units = "SI"')
@@ -93,7 +92,7 @@ def to_number(text: str, quantity: str, units: str) -> float:
         least, wanted = parsed(target)
     except ValueError as error:
         raise ValueError(f"{error}; {hint}") from None
-    if wanted.get("rad", 0) < 0:  # "N m" is as good as "N m/rad"
+    if wanted.get("rad", 0) < 0:  # "N m" may replace "N m/rad"
         dimension.setdefault("rad", wanted["rad"])
     if dimension != wanted:
         raise ValueError(f"is not {_article(quantity)}; {hint}")
@@ -108,7 +107,7 @@ def to_number(text: str, quantity: str, units: str) -> float:
 
 
 def bare_number(text: str) -> str:
-    """Say what to write instead of a number with its unit, where only numbers can stand."""
+    """Remedy for a number with a unit where only numbers are allowed."""
     found = _TEXT.fullmatch(text)
     assert found, text
     try:
@@ -123,7 +122,7 @@ def bare_number(text: str) -> str:
 
 
 def example(unit: str) -> str:
-    """Say by an example how a number of a unit is written."""
+    """Show by an example how to write a number of a unit."""
     if unit == "1":
         return '"5 %" or 0.05 say'
     with_unit, bare = _EXAMPLES.get(unit, (f"0.06 {unit}", "0.06"))
@@ -160,9 +159,9 @@ def parsed(unit: str) -> tuple[Fraction, Dimension]:
 
 
 def scale(unit: str) -> tuple[Fraction, Dimension]:
-    """Size and dimension of a unit or of a multiple of one: "0.02 s" a frame, "-0.21 mm" a pixel.
+    """Size and dimension of a unit or of a multiple: "0.02 s" a frame, "-0.21 mm" a pixel.
 
-    ValueError says what cannot be used.
+    ValueError describes the fault.
     """
     found = _TEXT.fullmatch(unit)
     size, dimension = parsed(found[2] if found else unit)

@@ -1,3 +1,3 @@
-"""The version, kept apart so that every module may read it without importing the package."""
+"""The version, in a module that others may read without importing the package."""
 
 VERSION = "1.0.0rc1"

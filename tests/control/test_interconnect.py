@@ -103,7 +103,7 @@ def test_a_loop_with_delays_has_no_controller_by_itself():
     plant = worm()
     reference = gait_reference(fast_gait(1.0), plant.t)
     loop = lambda_tracker(plant, reference, tube_radius=0.05, feedback="difference")
-    with pytest.raises(ArgumentError, match="a controller by itself knows no delays"):
+    with pytest.raises(ArgumentError, match="a controller by itself does not support delays"):
         controller_of(loop, plant)
 
 

@@ -126,7 +126,7 @@ def test_json_prints_one_object_and_no_nan(capsys: pytest.CaptureFixture[str]):
         "gap": {"value": None, "unit": "1"},
         "mode_sequence": {"value": [[0], [1, 2]], "unit": "1"},
     }
-    assert printed["timings_s"].keys() == {"load", "solve", "study"}
+    assert printed["timings_s"].keys() == {"solve", "study"}
 
 
 def test_set_changes_the_scene_and_o_the_folder(tmp_path: Path):

@@ -177,7 +177,7 @@ def test_no_room_and_nothing_told_are_said():
     todo = pushed(Ramps("input", (0.0,), 1.0, 2, 1.0), wo.Unknown("drag", {"load": [1.0, 1.0]}))
     twice = [wo.Unknown("m", {"mass": [1.0, 1.0]}), wo.Unknown("n", {"mass": [1.0, 1.0]})]
     todo = wo.Experiment(todo.model, twice, todo.measured, todo.times, todo.choices)
-    with pytest.raises(SolveError, match=r"tells what is wanted: .* m, .* n"):
+    with pytest.raises(SolveError, match=r"identifies the wanted unknowns: .* m, .* n"):
         wo.plan_experiment(todo, todo.criterion("D"), rivals=2)
 
 

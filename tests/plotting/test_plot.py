@@ -18,7 +18,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from PIL import Image
+from places import SAVED
 
+import wormopt as wo
+from tests.results.make import SCENES as SAVED_SCENES
 from wormopt.kinds import KINDS
 from wormopt.plotting import draw, figure
 from wormopt.plotting.parts import LINKS, stretches
@@ -579,3 +582,9 @@ def test_the_bound_of_every_gait_is_drawn_over_time():
     told = texts(figure(result, "gait"))  # nearer than the ceiling, which is 1 here
     assert "proven bound 0.8" in told
     assert "no gait is faster" not in told
+
+
+@pytest.mark.parametrize("name", SAVED_SCENES)
+def test_saved_results_can_be_made_anew(name: str):
+    assert (SAVED / f"{name}.nc").exists()
+    wo.load_scene(name, SAVED_SCENES[name])

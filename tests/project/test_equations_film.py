@@ -29,11 +29,13 @@ from wormopt.systems.film.lubrication import (
 )
 from wormopt.systems.film.units import Fluid
 
+Function: Any = sp.Function  # its types do not say that it makes functions
+
 NAMES = ("z", "h", "slope", "third", "C", "W")
 CA = {name: ca.SX.sym(name) for name in NAMES}
 S = Symbols(CA, positive=("h",))
 xi, z, C, W = sp.Symbol("xi", real=True), S["z"], S["C"], S["W"]
-h = sp.Function("h")(xi)
+h = Function("h")(xi)
 SHAPE = {S["h"]: h, S["slope"]: sp.diff(h, xi), S["third"]: sp.diff(h, xi, 3)}
 
 

@@ -104,7 +104,7 @@ def along_links(links: int, s: Symbols) -> tuple[dict[Any, Any], list[Any]]:
     for name in ("position", "velocity"):
         place = vectors(s[name])[links]
         for j in reversed(range(links)):
-            link = sp.Matrix(sp.symbols(f"{name}_of_link{j}_:2", real=True))
+            link: Any = sp.Matrix(sp.symbols(f"{name}_of_link{j}_:2", real=True))
             place = place + link
             change |= dict(zip(vectors(s[name])[j], place, strict=True))
             rates += list(link) if name == "velocity" else []
@@ -182,7 +182,7 @@ def test_driven_bodies_obey_newton_and_euler(body: str):
     outer = vectors(s(model["ground_force"]) + s["pull"])
     m, r = s["mass"], vectors(places)
     masses, forces = range(len(r)), s.column("contact", "pull")
-    momentum = sum((m[i] * accelerations[i] - outer[i] for i in masses), sp.zeros(2, 1))
+    momentum: Any = sum((m[i] * accelerations[i] - outer[i] for i in masses), sp.zeros(2, 1))
     assert all(zero(part) for entry in momentum for part in parts(entry, forces))
     turned = s["inertia"] * s(model.ode)[5]
     spin = sum(cross(r[i], m[i] * accelerations[i] - outer[i]) for i in masses)

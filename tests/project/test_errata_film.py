@@ -11,6 +11,8 @@ import sympy as sp
 from simplified import zero
 from sympy import Rational as Q
 
+Function: Any = sp.Function  # its types do not say that it makes functions
+
 Expression = Any  # of sympy, whose types are loose
 
 x, z, t, xi = sp.symbols("x z t xi", real=True)
@@ -26,8 +28,8 @@ Re = rho * U_c * d / eta
 # --- (25): scaling -----------------------------------------------------------------------
 
 x_, z_, t_ = sp.symbols("x^* z^* t^*", real=True)
-u, w, p = (sp.Function(name)(x, z, t) for name in ("u", "w", "p"))
-h = sp.Function("h")(x, t)
+u, w, p = (Function(name)(x, z, t) for name in ("u", "w", "p"))
+h = Function("h")(x, t)
 SCALED: Any = {x: k * x_, z: z_ / d, t: omega * t_}
 CORRECT, PRINTED = eps * U_c, eps / U_c  # w^* over w
 
@@ -94,7 +96,7 @@ def test_momentum_under_25_becomes_that_of_lubrication():
 
 # --- (27), (28): velocities and flow rate ------------------------------------------------
 
-F = sp.Function("F")(x, t)
+F = Function("F")(x, t)
 ALONG = F * (z**2 / 2 - h * z)
 UP = F * sp.diff(h, x) * z**2 / 2 + sp.diff(F, x) * (h * z**2 / 2 - z**3 / 6)
 UP_PRINTED = F * sp.diff(h, x) * z**2 / 2 + sp.diff(F, x) * (h * z**2 / 4 - z**3 / 6)
@@ -125,7 +127,7 @@ def test_28_follows_with_the_corrected_w_only():
 
 
 def test_a_travelling_wave_carries_h_plus_a_constant():
-    height = sp.Function("h")
+    height = Function("h")
     Q_ = height(xi) + C
     balance = sp.diff(height(t - x), t) + sp.diff(Q_.subs(xi, t - x), x)
     assert zero(balance.doit())
@@ -163,7 +165,7 @@ def test_the_normal_stress_needs_the_field_only_in_total():
 
 def test_29_has_c_over_the_cube_of_h():
     """p = -W h'' - kappa H^2 on the surface (R^-1 = -h''), p_x = -p', F = p_x, Q = h + C."""
-    height, squared = sp.Function("h")(xi), sp.Function("H2")(xi)
+    height, squared = Function("h")(xi), Function("H2")(xi)
     pressure = -tension * sp.diff(height, xi, 2) - field_factor * squared
     slope = -sp.diff(pressure, xi)  # p_x
     flow = -slope * height**3 / 3 - (height + C)  # (28), right
@@ -175,7 +177,7 @@ def test_29_has_c_over_the_cube_of_h():
 
 def test_30_holds_integrals_over_the_square_and_the_cube():
     """(30) put into the corrected (29), for any shape; with 1/h in both integrals it fails."""
-    height = sp.Function("h")(xi)
+    height = Function("h")(xi)
 
     def field(first: int, second: int) -> Expression:
         parts = [sp.Integral(1 / height**power, xi) for power in (first, second)]

@@ -11,6 +11,8 @@ import sympy as sp
 from simplified import zero
 from sympy import Rational as Q
 
+Function: Any = sp.Function  # its types do not say that it makes functions
+
 Expression = Any  # of sympy, whose types are loose
 
 OMEGA = sp.sqrt(2)
@@ -33,7 +35,7 @@ sample_omega = sp.sqrt(modulus * area / (length * mass))
 def test_scaling_turns_newtons_law_into_16_for_displacements_from_rest():
     """The spring pulls with c (x_2 - x_1 - l0), friction is m F, the field pushes with G."""
     m, omega, l0, u0, time = sp.symbols("m omega l_0 u_0 t^*", positive=True)
-    F, x1, x2 = sp.Function("F"), sp.Function("x_1"), sp.Function("x_2")
+    F, x1, x2 = Function("F"), Function("x_1"), Function("x_2")
     c, small = m * omega**2, u0 / 2
     G = u0 * c * l0 / 2 * (1 + sp.cos(nu * omega * time))  # nu is nu^* / omega
 
@@ -97,8 +99,8 @@ def left_of_16(phase: Expression) -> list[Expression]:
     z = a cos(phi) is half the stretch and z' = -a Omega sin(phi). The entries are what is left of
     the derivative of z, and of both equations of (16).
     """
-    F = sp.Function("F")
-    A, PHI, X = (sp.Function(name)(t) for name in ("a", "phi", "X"))
+    F = Function("F")
+    A, PHI, X = (Function(name)(t) for name in ("a", "phi", "X"))
     z, z_rate = A * sp.cos(PHI), -A * OMEGA * sp.sin(PHI)
     V_there = sp.diff(X, t)
     v1, v2 = V_there + A * OMEGA * sp.sin(PHI), V_there - A * OMEGA * sp.sin(PHI)  # as printed
@@ -124,7 +126,7 @@ def test_17_follows_from_16():
 def test_17_with_the_printed_phase_does_not_follow_from_16():
     """With psi' = V the phase is the place X: (16) is left with the difference of both pushes, and
     the pair would be driven by where it stands; at rest, V = 0, not at all."""
-    X = sp.Function("X")(t)
+    X = Function("X")(t)
     defined, first, second = left_of_16(X)
     assert defined == 0
     missed = eps * (sp.cos(nu * t) - sp.cos(X))

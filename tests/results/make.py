@@ -20,7 +20,8 @@ SCENES = {
     "resonance_curve": [
         'pair.friction={kind="stribeck", forward=0.3, backward=0.6, stick_forward=0.9, '
         "stick_backward=1.8, v_stribeck=0.15}",
-        "sweep.detuning=[0.3, 3.0]", "sweep.points=60", "confirm.time=300.0", "confirm.periods=20",
+        "frequencies.detuning=[0.3, 3.0]", "frequencies.points=60",
+        "confirm.time=300.0", "confirm.periods=20",
     ],
     "three_masses_harmonic": [
         'units="SI"', 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, '
@@ -35,7 +36,7 @@ SCENES = {
         "film.delta=0.98", "film.tension=1.0", "map.delta=[0.3,0.9,0.98]", "map.tension=[0.1,1.0]",
         "time.samples=41",
     ],
-    "film_wave_design": ["sweep={tension=[0.1,0.02], field=[2.0]}"],
+    "film_wave_design": ["map={tension=[0.1,0.02], field=[2.0]}"],
     "fig13_magnetic_pair": ["time.samples=201"],
     "fig24_travelling_wave": ["time.switches=20", "time.samples=2"],
     "coil_cargo": ["time.switches=8", "coils.count=12"],

@@ -9,7 +9,9 @@ from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 import msgspec
+import pytest
 
+import wormopt as wo
 from wormopt.errors import Fault
 from wormopt.kinds import KINDS
 from wormopt.study.given import Given, read_table, read_value
@@ -107,3 +109,26 @@ def test_a_key_near_a_known_one_is_meant():
         assert read_table({near: 1}, table, "", "", found) is None
         said = dict(found)[near]
         assert said.rpartition("did you mean ")[2].rstrip("?") in known, (table, near, said)
+
+
+@pytest.mark.parametrize(
+    ("scene", "key", "now"),
+    [
+        ("coil_cargo", "course.switches", "time"),
+        ("coil_cargo", "coils.inner", "inner_radius"),
+        ("coil_cargo", "cargo.modulus", "youngs_modulus"),
+        ("coil_cargo", "switching.rate", "frequency"),
+        ("fig21_rod_motion", "time.duration", "end"),
+        ("coil_cargo_design", "time.time", "end"),
+        ("optimal_crawl", "aim.speed", "objective"),
+        ("track_optimal", "grid.arcs", "mesh"),
+        ("planar_path", "course.clearance", "route"),
+        ("planar_turn_in_place", "pace.joint", "rate"),
+        ("peristaltic_segment", "tube.radius", "pipe"),
+        ("membrane", "points", "samples"),
+        ("fig22_frequency_response", "rates", "frequencies"),
+    ],
+)
+def test_a_key_of_before_is_refused_with_its_name_of_today(scene: str, key: str, now: str):
+    with pytest.raises(wo.SceneError, match=rf"unknown key; it is called {now} now"):
+        wo.load_scene(scene, {key: 1})

@@ -32,6 +32,13 @@ def test_the_page_of_a_kind_says_all(kind: str):
     assert {f"| `{name}`" for name in (*table.scalars, *table.variables)} <= rows
 
 
+def test_the_page_of_a_kind_distinguishes_tables_and_lists_of_tables():
+    rows = [line.split(" | ") for line in page("fit").splitlines() if line.startswith("| `")]
+    values = {row[0]: (row[1], row[3]) for row in rows if len(row) == 5}
+    assert values["| `recording`"] == ("a table, or a list of tables", "required")
+    assert values["| `columns`"] == ("a table", "`{}`")
+
+
 def test_every_kind_is_in_the_table_of_scenes():
     table = SCENES.read_text(encoding="utf-8")
     assert [kind for kind in KINDS if f"| [`{kind}`](scenes/{kind}.md) |" not in table] == []

@@ -451,6 +451,8 @@ def test_run_computes_some_results_only(toy: Path, only: Any):
     found = wo.run(toy, only=only)
     assert (found.status, found.scalars.keys()) == ("unchecked", {"reach"})
     assert CALLS == {"motion": 1, "pulled": 1}
+    with pytest.raises(wo.ArgumentError, match="only must be a name or a list of names, not 3"):
+        wo.run(pull().scene, only=3)  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="did you mean 'reach'"):
         wo.run(toy, only="reech")
 
@@ -471,8 +473,7 @@ def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("scene", "only", "said"),
     [
-        ("mine.toml", "reech", "has no result 'reech'; it has"),
-        ("mine.toml", "reech", "did you mean 'reach'?"),
+        ("mine.toml", "reech", "has no result 'reech'; did you mean 'reach'? It has 'energy'"),
         ("mine.toml", "reach,", "has no result ''"),
         ("mine.toml", "", "has no result ''"),
         ("mine.toml", "depth", "there is no depth without ground"),

@@ -13,11 +13,8 @@ import pytest
 from small_kinds import CALLS, FAIL, Pull, Soft, Spring, called, pull
 
 from wormopt.errors import Interrupted, SolveError, UnknownNameError
-from wormopt.study import (
-    Study,
-    scalar,
-    stage,
-)
+from wormopt.quantities import Scalar
+from wormopt.study import Study, positive, scalar, scalars, stage
 from wormopt.study.members import AbsentError, NotComputedError
 
 pytestmark = pytest.mark.usefixtures("fresh")
@@ -113,6 +110,31 @@ def test_values_are_found_by_their_names_in_results():
             study[name]
     with pytest.raises(KeyError, match="did you mean 'reach'"):
         study["reech"]
+
+
+def test_names_that_depend_on_the_study_are_found_in_the_groups_that_it_has():
+    class Grouped(Study, kind="toy-grouped"):
+        """A study of groups."""
+
+        ground: float | None = positive("length", "depth", default=None)
+
+        @scalars({}, when="ground")
+        def of_ground(self) -> dict[str, Scalar]:
+            return {"depth": Scalar(self.ground, "m")}
+
+        @scalars({})
+        def of_links(self) -> dict[str, Scalar]:
+            return {"load": Scalar(1.0, "N")}
+
+    assert Grouped()["load"] == 1.0
+    assert Grouped(ground=2.0)["depth"] == 2.0
+    with pytest.raises(UnknownNameError, match="has no result 'depth'"):
+        Grouped()["depth"]
+    with pytest.raises(UnknownNameError, match="; write 'of_ground', 'of_links' for names that de"):
+        Grouped().only("load")
+
+
+# -- some results only -----------------------------------------------------------------------------
 
 
 # -- some results only -----------------------------------------------------------------------------

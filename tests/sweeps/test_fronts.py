@@ -50,7 +50,7 @@ def test_the_gait_of_every_point_is_read_back_and_does_what_the_front_says(folde
 
 def test_what_is_no_point_is_refused(folder: Path, tmp_path: Path):
     for point in (4, -1):
-        with pytest.raises(ArgumentError, match=rf"no point {point}; it has '0', '1', '2', '3'"):
+        with pytest.raises(ArgumentError, match=rf"no point {point}; .*t has '0', '1', '2', '3'"):
             wo.load_gait(folder, point=point)
     gait = wo.load_gait(folder)
     gait.to_csv(tmp_path / "gait.csv")

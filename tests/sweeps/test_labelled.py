@@ -135,7 +135,7 @@ def test_rows_of_a_frame_are_those_of_the_dataset(result: Result):
 
 
 def test_a_dimension_that_is_not_there_is_refused(result: Result):
-    with pytest.raises(wo.UnknownNameError, match=r"no dimension 'mast'; it has .*'mass'"):
+    with pytest.raises(wo.UnknownNameError, match=r"'mast'; did you mean 'mass'\? It has"):
         result.to_dataframe("mast")
     with pytest.raises(wo.UnknownNameError, match=re.escape("no dimension 'time'; it has none")):
         Result("nothing", "gait").to_dataframe()

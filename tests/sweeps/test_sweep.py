@@ -634,3 +634,22 @@ def test_a_cluster_that_is_not_there_is_told(
 def test_a_sweep_draws_itself_unasked():
     drawn = small({"worm.load": [42, 43]}).plot()
     assert drawn.axes[-1].get_xlabel().startswith("worm.load")
+
+
+def test_a_sweep_of_several_trackers_draws_a_line_for_each():
+    base = {"tolerance.recheck": False, "time.samples": 11}
+    scene = wo.load_scene("fig05_lambda_trackers", base)
+    swept = wo.sweep(scene, {"time.end": [0.1, 0.2]}, engine=SERIAL)
+    assert swept.attributes["numbers"] == []
+    panel = swept.plot().axes[0]
+    assert [line.get_ydata().tolist() for line in panel.lines] == swept[
+        "distance"
+    ].values.T.tolist()
+
+
+def test_a_sweep_without_any_number_draws_where_points_are_lost():
+    aim = {"minimise": "peak_spike_load", "speed": 1.2}  # above all gaits
+    scene = wo.load_scene("design_fast_gait", {"objective.maximise": None, "objective": aim})
+    swept = wo.sweep(scene, {"objective.speed": [1.2, 1.3]}, engine=SERIAL)
+    assert swept.attributes["numbers"] == swept.attributes["series"] == []
+    assert [line.get_marker() for line in swept.plot().axes[0].lines].count("x") == 2

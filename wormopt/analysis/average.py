@@ -1,4 +1,4 @@
-"""The verb `average`: a Model that moves a little in every period becomes one without the period.
+"""The verb `average`: replaces a Model with small changes per period by one without the period.
 
 x' = f(x, t) with small f of period T is, averaged, y' = F(y). To first order F is the mean of f
 over a period at fixed y. To second order x = y + u(y, t) with u the integral of f - F that has no
@@ -34,11 +34,11 @@ from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.values import nominal_of, signal_values
 from wormopt.numerics.collocation import Collocation
 
-# Without reversals to split it, the period is cut into so many parts.
+# Parts of a period without reversals.
 _PARTS = 8
 
 
-_SHARES = (0.07, 0.3, 0.61, 0.88)  # of a period, at which a model is compared with one later
+_SHARES = (0.07, 0.3, 0.61, 0.88)  # of a period, at which a model is tested for periodicity
 
 
 def average(
@@ -161,7 +161,7 @@ class _Course:
         self._check_period()
 
     def depends(self, output: Output) -> bool:
-        """Whether an output needs more than states, parameters and inputs."""
+        """Whether an output depends on more than states, parameters and inputs."""
         others = ca.vertcat(self.model.t, self.model.forces, self.scheduled)
         return bool(ca.depends_on(output.expression, others))
 
@@ -217,7 +217,7 @@ class _Course:
 
     @cached_property
     def _samples(self) -> tuple[ca.SX, np.ndarray]:
-        """Symbols of states and of what is fixed, and numbers to try for them."""
+        """Symbols of states and constants, and sample values for them."""
         fixed = np.concatenate([signal_values(s, None, "parameter", fill=1.0)
                                 for s in (self.model.p, self.model.u)])  # fmt: skip
         random = np.random.default_rng(0)
@@ -227,7 +227,7 @@ class _Course:
 
     @cached_property
     def _samples_of_waves(self) -> tuple[ca.SX, np.ndarray]:
-        """Besides, samples in which nothing is 0: a harmonic that is 0 now may be there later."""
+        """Samples including some without zeros: a harmonic that is 0 now may appear later."""
         symbols, values = self._samples
         there = np.where(
             values == 0, np.random.default_rng(1).uniform(0.2, 1.0, values.shape), values
@@ -284,7 +284,7 @@ class _Course:
             raise ArgumentError(f"{self.model.name} does not repeat after the period given")
 
     def _repeats(self, expression: ca.SX, values: np.ndarray) -> bool:
-        """Whether an expression of share, states and what is fixed is periodic, by samples."""
+        """Whether an expression of share, states and constants is periodic, by samples."""
         course = ca.Function("course", [self._samples[0], self.theta], [expression])
         pairs = [[np.array(course(values, theta + turn)) for turn in (0, 1)] for theta in _SHARES]
         size = max(float(np.abs(now).max(initial=0.0)) for now, _ in pairs)
@@ -318,7 +318,7 @@ class _Course:
 
     @cached_property
     def _swings(self) -> list[tuple[ca.SX, ca.SX]]:
-        """The part u without mean of x at the start and at the nodes of every piece."""
+        """The part u of x without mean, at the start and at the nodes of every piece."""
         start, total, found = ca.SX.zeros(self.model.n_x), ca.SX.zeros(self.model.n_x), []
         for piece, rates in zip(self.pieces, self._samples_on_pieces, strict=True):
             length = self.period * (piece.end - piece.start)
@@ -345,7 +345,7 @@ class _Course:
         return found
 
     def _jump(self, piece: _Piece, u: ca.SX) -> ca.SX:
-        """What a reversal that shifts with u changes."""
+        """Effect of a reversal that shifts with u."""
         du = ca.SX.sym("u", self.model.n_x)
         v = self._velocities
         shifts = ca.horzcat(ca.jtimes(v, self.x, du), ca.jacobian(v, self.theta))
@@ -361,7 +361,7 @@ class _Course:
 def _within(
     crossings: Sequence[Sequence[Crossing]], low: float, high: float
 ) -> Iterator[tuple[ca.SX, ca.SX]]:
-    """Places of crossings in a segment, and which contact reverses; others lie at its start."""
+    """Places of crossings in a segment, and reversing contacts; others are at its start."""
     for i, own in enumerate(crossings):
         unit = ca.SX.zeros(len(crossings))
         unit[i] = 1
@@ -372,9 +372,9 @@ def _within(
 
 
 def _sorted(places: list[tuple[ca.SX, ca.SX]]) -> list[tuple[ca.SX, ca.SX]]:
-    """Sort as an expression, what belongs to a place along with it."""
-    # At ties exactly one order is taken, for places and contacts alike, so that derivatives are
-    # those of some order; fmin and fmax would both take the derivative of the first.
+    """Sort places by expressions, with their attributes."""
+    # At ties exactly one order is taken, for places and contacts, so that derivatives are those
+    # of one order; fmin and fmax would both take the derivative of the first.
     places = places.copy()
     for last in range(len(places) - 1, 0, -1):
         for k in range(last):

@@ -96,7 +96,7 @@ def _column(
             "linestyle": ("-", "--", ":", "-.")[i // 4 % 4],
             "linewidth": 1.6,
         }
-        # an output that the input does not reach has no gain to show on a log scale
+        # an output without response has no gain on a log scale
         size = np.where(np.abs(g) > 0, np.abs(g), np.nan)
         gain.plot(omega, 20 * np.log10(size), label=name, **style)
         angle = np.degrees(np.unwrap(np.angle(g)))

@@ -1,8 +1,8 @@
-"""Branches of steady states along a parameter, followed around their folds by arc length.
+"""Branches of steady states along a parameter, continued around folds by arc length.
 
 H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977: the
-parameter is one unknown more, and the equation that is missing asks for a step of given length
-along the tangent. Where the parameter turns back there is a fold.
+parameter is an additional unknown, and the additional equation sets the length of a step along
+the tangent. The parameter reverses at a fold.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from wormopt.numerics.newton import Equations, newton
 
 End = Literal["range", "runaway", "lost", "steps", "closed", "stopped"]
 
-_STEPS = 12  # of Newton's method on the way back to the branch
+_STEPS = 12  # of Newton's method towards the branch
 _CONVERGED = 1e-11
-_TURN = 0.15  # largest angle between the tangents of neighbours
+_TURN = 0.15  # largest angle between neighbouring tangents
 _SHORTEST = 1e-9
 _HALVINGS = 55
-# Where a branch is sampled, a state is found within so many of its steps from where it is sought.
+# When sampling a branch, largest distance of a state from its prediction, in steps of the branch.
 _FAR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """Where a branch turns back."""
+    """Point at which a branch reverses."""
 
     parameter: float  # value at the fold; beyond it these states do not exist
     x: np.ndarray  # (n_x,) state
@@ -112,7 +112,7 @@ class Branch:
         return by_name(self.model.x, self.x.T)[name]
 
     def state(self, index: int) -> SteadyState:
-        """One of its states, for `steady_sensitivity` say.
+        """One of its states, such as for `steady_sensitivity`.
 
         Parameters
         ----------
@@ -243,7 +243,7 @@ def continue_branch(
 
 
 class _Equations(Equations, Protocol):
-    """Equations whose parameters have names."""
+    """Equations with named parameters."""
 
     def place(self, name: str) -> int:
         """Row of a parameter."""
@@ -255,10 +255,10 @@ class _Equations(Equations, Protocol):
 
 
 class Walk:
-    """Steps along a branch of solutions in y = (x, parameter), measured in usual sizes.
+    """Steps along a branch of solutions in y = (x, parameter), in nominal sizes.
 
-    `rates` vanish on the branch; `parameter` stays within `span`, its entry in `p` unused.
-    `largest`: multiple of its usual size at which an unknown counts as running away.
+    `rates` are 0 on the branch; `parameter` stays within `span`, its entry in `p` is unused.
+    `largest`: multiple of its nominal size at which an unknown diverges.
     """
 
     def __init__(
@@ -286,20 +286,20 @@ class Walk:
         _, by_y = self._linear(y)
         if along is None:
             return np.linalg.svd(by_y)[2][-1]
-        # regular at folds, and less work than all singular vectors
+        # regular at folds, and faster than all singular vectors
         matrix, last = np.vstack([by_y, along]), np.eye(len(along))[-1]
         try:
             found = np.linalg.solve(matrix, last)
-        except np.linalg.LinAlgError:  # where branches cross
+        except np.linalg.LinAlgError:  # at crossings of branches
             found = np.linalg.svd(by_y)[2][-1]
             found = found if found @ along > 0 else -found
         return found / np.linalg.norm(found)
 
     def step(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
-        """Point of the branch `length` usual sizes along the tangent; None if none is near."""
+        """Point of the branch `length` nominal sizes along the tangent; None if none is near."""
         guess = y + length * tangent * self.size
         found = guess.copy()
-        # A step is short beside this. Newton's method that goes so far away finds nothing near.
+        # Newton's method must not leave the neighbourhood of the step.
         far = 2 * max(self.largest, np.abs(guess / self.size).max())
         for _ in range(_STEPS):
             rates, by_y = self._linear(found)
@@ -326,9 +326,9 @@ class Walk:
         max_points: int,
         until: Callable[[np.ndarray, list[Fold]], bool] | None = None,
     ) -> tuple[list[np.ndarray], list[Fold], End]:
-        """Walk until the branch ends; return its points, its folds, and why it ended.
+        """Walk until the branch ends; return its points, its folds, and the reason for its end.
 
-        `until` gets every new point and the folds before it; True ends it as "stopped".
+        `until` gets every new point and the folds before it; True ends the walk as "stopped".
         """
         first, first_tangent = y, tangent
         points, folds, length = [y], [], 1e-2
@@ -363,7 +363,7 @@ class Walk:
         return points, folds, "steps"
 
     def _edge(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
-        """Where the branch leaves the span: steps to it, each of the length that is missing."""
+        """Point at which the branch leaves the span, by steps of the remaining length."""
         bound = self.span[0] if tangent[-1] < 0 else self.span[1]
         missing = np.inf
         for _ in range(_STEPS):
@@ -375,14 +375,14 @@ class Walk:
             missing = abs(y[-1] - bound) / self.size[-1]
             if missing < 1e-13:
                 return np.append(y[:-1], bound)
-        # nearer only if steps were more exact
+        # only more exact steps would come nearer
         near = missing < _CONVERGED * (1 + np.abs(y / self.size).max())
         return np.append(y[:-1], bound) if near else None
 
     def _fold(self, y: np.ndarray, tangent: np.ndarray, length: float) -> Fold:
-        """Where the tangent has no part along the parameter."""
-        # Halving, not a faster method: where another branch crosses, steps get lost near the
-        # fold, and the last one found is then told.
+        """Point without tangent component along the parameter."""
+        # Bisection, not a faster method: if another branch crosses, steps fail near the fold, and
+        # the last point found is returned.
         before, after, at = 0.0, length, y
         for _ in range(_HALVINGS):
             ahead = self.step(y, tangent, (before + after) / 2)
@@ -398,7 +398,7 @@ class Walk:
     def _passes(
         self, first: np.ndarray, tangent: np.ndarray, y: np.ndarray, ahead: np.ndarray
     ) -> bool:
-        """Whether the step goes through the first point in its direction."""
+        """Whether the step passes the first point in its direction."""
         before, after = ((point - first) / self.size for point in (y, ahead))
         length = np.linalg.norm(after - before)
         crosses = before @ tangent < 0 <= after @ tangent

@@ -1,8 +1,8 @@
-"""When contact velocities change sign within a period, as expressions of the slow states.
+"""Sign changes of contact velocities within a period, as expressions of the slow states.
 
-Over a period, of which theta in [0, 1] is the share that has passed, a contact's velocity is a
-trigonometric polynomial c_0 + sum_k (a_k cos(2 pi k theta) + b_k sin(2 pi k theta)) with
-coefficients that depend on the slow states. Its sign changes are found, not sampled:
+With theta in [0, 1] as the elapsed share of the period, a contact's velocity is a trigonometric
+polynomial c_0 + sum_k (a_k cos(2 pi k theta) + b_k sin(2 pi k theta)) with coefficients that
+depend on the slow states. Its sign changes are computed, not sampled:
 
 - One harmonic, of order k, has 2 k of them, in closed form.
 - Several harmonics of a fixed shape g, velocity = A + B g(theta): between two extrema of g, which
@@ -23,9 +23,9 @@ from wormopt.errors import ArgumentError
 
 _HALVINGS = 30  # leaves 1e-9 of the bracket, which two Newton steps square twice
 _NEGLIGIBLE = 1e-12
-_BESIDE = 1e-2  # of the unit circle: what round-off does to a zero of five fold
+_BESIDE = 1e-2  # of the unit circle: effect of round-off on a fivefold zero
 _MOST = 31  # harmonics
-_ELSEWHERE = np.array([0.07, 0.3, 0.61, 0.88])  # shares of the period where none pass for others
+_ELSEWHERE = np.array([0.07, 0.3, 0.61, 0.88])  # shares of the period at which harmonics differ
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Wave:
         return self.mean + ca.dot(self.cosines, ca.cos(angle)) + ca.dot(self.sines, ca.sin(angle))
 
     def slope(self, theta: ca.SX | float) -> ca.SX:
-        """Derivative of the velocity by theta, the share of the period that has passed."""
+        """Derivative of the velocity by theta, the elapsed share of the period."""
         order = 2 * np.pi * ca.DM(np.arange(1, self.degree + 1))
         turn = order * theta
         return ca.dot(order, self.sines * ca.cos(turn) - self.cosines * ca.sin(turn))
@@ -65,22 +65,22 @@ class Wave:
     def of(cls, velocity: ca.Function, symbols: ca.SX, values: np.ndarray) -> Wave:
         """Shortest wave equal to `velocity`, a function (symbols, theta) -> velocity.
 
-        `values` (n, m): numbers for `symbols` (n, 1) that tell which harmonics are present.
-        Raises ArgumentError above 31 harmonics, or for what is no trigonometric polynomial.
+        `values` (n, m): numbers for `symbols` (n, 1) that show which harmonics are present. Raises
+        ArgumentError above 31 harmonics, or for other functions than trigonometric polynomials.
         """
         degree = _harmonics_in(velocity, values)
         count = 2 * degree + 2
         grid = np.arange(count) / count
         samples = ca.vertcat(*(velocity(symbols, theta) for theta in grid))
         turns = 2 * np.pi * np.outer(np.arange(1, degree + 1), grid)
-        # cosines that are 0, not 6e-17, leave coefficients out that are not there
+        # exact zeros of cosines instead of 6e-17 omit coefficients that are 0
         table = np.vstack([np.cos(turns), np.sin(turns)]) * 2 / count
         table[np.abs(table) < _NEGLIGIBLE] = 0.0
         harmonics = ca.mtimes(ca.DM(table), samples)
         return cls(ca.sum1(samples) / count, harmonics[:degree], harmonics[degree:])
 
     def crossings(self, symbols: ca.SX, values: np.ndarray) -> list[Crossing]:
-        """Find where the sign changes, of a velocity that depends on theta.
+        """Find the sign changes of a velocity that depends on theta.
 
         `values` (n, m): numbers for `symbols` (n, 1), on which the coefficients depend.
         Raises ArgumentError for several harmonics whose shape depends on the states.
@@ -97,7 +97,7 @@ class Wave:
         found = []
         for column in values.T:
             swing, mean = map(np.array, both(column))
-            swing[np.abs(swing) <= _NEGLIGIBLE * np.abs(mean)] = 0.0  # what round-off leaves of 0
+            swing[np.abs(swing) <= _NEGLIGIBLE * np.abs(mean)] = 0.0  # rounding errors of 0
             found.append(swing @ (1, -1j))
         return np.stack(found, axis=1)
 
@@ -133,7 +133,7 @@ class Wave:
         return found
 
     def _shape(self, symbols: ca.SX, values: np.ndarray) -> np.ndarray:
-        """Harmonics as complex numbers, which must not depend on states but for one factor."""
+        """Harmonics as complex numbers, which may depend on states by one common factor only."""
         found = self._harmonics(symbols, values).T
         shape = next(harmonics for harmonics in found if np.any(harmonics))
         for harmonics in found:
@@ -142,13 +142,13 @@ class Wave:
             factor = np.vdot(shape, harmonics).real / np.vdot(shape, shape).real
             if np.abs(harmonics - factor * shape).max() > 1e-9 * np.abs(harmonics).max():
                 raise ArgumentError(
-                    "a contact velocity has several harmonics of which the ratios depend on the "
-                    "states or parameters; only one factor in front of all of them may"
+                    "a contact velocity has several harmonics whose ratios depend on states or "
+                    "parameters; only a common factor of all of them may do so"
                 )
         return shape / np.abs(shape).max()
 
     def _bracketed(self, start: float, end: float, at_low: ca.SX) -> ca.SX:
-        """Halve a bracket; its derivative is 0, that of the place comes by Newton's steps."""
+        """Bisect a bracket; its derivative is 0, Newton's steps add that of the place."""
         low, high = ca.SX(start), ca.SX(end)
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
@@ -158,9 +158,9 @@ class Wave:
 
 
 def sign_after(wave: Wave, crossings: Sequence[Crossing]) -> ca.SX:
-    """Sign (+1 or -1) of a velocity where the period begins, before any of its crossings.
+    """Sign (+1 or -1) of a velocity at the beginning of the period, before any crossing.
 
-    It is what the last crossing, one period earlier, has left; without any, that of the mean.
+    It is that after the last crossing, one period earlier; without any, that of the mean.
     """
     last, sign = ca.SX(-1), ca.if_else(wave.mean < 0, -1, 1)
     for crossing in crossings:
@@ -171,20 +171,20 @@ def sign_after(wave: Wave, crossings: Sequence[Crossing]) -> ca.SX:
 
 
 def _turned(place: ca.SX) -> ca.SX:
-    """The same place in [0, 1); with its derivative."""
+    """The place shifted to [0, 1), with its derivative."""
     turned = place - ca.floor(place)
-    return turned - (turned >= 1)  # of a place below 0 by less than round-off
+    return turned - (turned >= 1)  # a place below 0 by less than round-off
 
 
 def _harmonics_in(velocity: ca.Function, values: np.ndarray) -> int:
-    """Highest harmonic that is there."""
+    """Highest harmonic present."""
     count = 2 * _MOST + 2
     samples = _sampled(velocity, values, np.arange(count) / count)
     spectrum = np.fft.rfft(samples, axis=1) / count
     sizes = np.abs(spectrum).max(axis=0)
     there = np.flatnonzero(sizes > _NEGLIGIBLE * max(sizes.max(), 1e-300))
     highest = int(there[-1]) if there.size else 0
-    # harmonics beyond half of the samples pass for lower ones on them, and nowhere else
+    # harmonics above half the number of samples have aliases on them, and nowhere else
     turns = np.exp(2j * np.pi * np.outer(np.arange(len(sizes)), _ELSEWHERE))
     series = 2 * (spectrum @ turns).real - spectrum[:, :1].real
     off = np.abs(_sampled(velocity, values, _ELSEWHERE) - series).max()
@@ -204,11 +204,11 @@ def _sampled(velocity: ca.Function, values: np.ndarray, theta: np.ndarray) -> np
 
 
 def _extrema(harmonics: np.ndarray) -> list[float]:
-    """Where Re sum_k c_k exp(2 pi i k theta) has its extrema, ascending in [0, 1).
+    """Extrema of Re sum_k c_k exp(2 pi i k theta), ascending in [0, 1).
 
     With w = exp(2 pi i theta) its derivative is a polynomial in w over a power of w; extrema are
-    its roots on the unit circle. Roots of several fold come out beside it; those that are near but
-    are no extrema only split what is monotonic anyway.
+    its roots on the unit circle. Multiple roots come out beside the circle; nearby roots that are
+    no extrema only split monotonic parts.
     """
     slopes = 1j * np.arange(1, len(harmonics) + 1) * harmonics
     roots = np.roots(np.concatenate([slopes[::-1], [0.0], slopes.conj()]))

@@ -1,4 +1,4 @@
-"""Frequencies at which a linear system is looked at."""
+"""Frequencies for responses of a linear system."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def frequencies(linear: LinearModel) -> np.ndarray:
 
 
 def _around(corner: complex) -> np.ndarray:
-    """Frequencies across the peak or dip of a corner, as narrow as its damping makes it."""
+    """Frequencies across the peak or dip of a corner, in the width of its damping."""
     width = max(abs(corner.real) / abs(corner), 1e-6)
-    if width > 0.3:  # broad: the even grid shows it
+    if width > 0.3:  # broad: the even grid resolves it
         return np.zeros(0)
     return abs(corner) * (1 + width * np.linspace(-5, 5, 40)[:, None] / [1, 5]).ravel()

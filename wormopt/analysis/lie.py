@@ -92,7 +92,7 @@ def _lie_degree(explicit: Explicit, reached: Callable[[ca.SX], bool], y: ca.SX) 
 
 
 def _connected(explicit: Explicit, y: ca.SX) -> bool:
-    """Whether some chain of states leads from an input to y, by what depends on what."""
+    """Whether some chain of dependent states leads from an input to y."""
     x, u = explicit.symbols["x"], explicit.symbols["u"]
     if ca.depends_on(y, u):
         return True

@@ -1,12 +1,12 @@
 """Linear analysis of a Model at an operating point: zeros, relative degree, gain, response.
 
-A system y = G(s) u with as many outputs as inputs can be tracked by high gain, as the
-lambda-trackers of (13) and (14) do, if its high-frequency gain is positive definite and it is
-minimum phase: while the outputs are held at zero, what moves on dies out. For the chain (8)-(12)
-with the link lengths as outputs that is the common motion of all masses, whose zero is
--sum k_i / sum m_i with the slopes k_i of drag and friction.
+A system y = G(s) u with as many outputs as inputs can be tracked by high gain, as by the
+lambda-trackers (13) and (14), if its high-frequency gain is positive definite and it is minimum
+phase: with outputs held at zero, the remaining motion decays. For the chain (8)-(12) with link
+lengths as outputs that is the common motion of all masses, whose zero is -sum k_i / sum m_i with
+the slopes k_i of drag and friction.
 
-A worm's place changes neither rates nor outputs. This shift, a zero at 0, does not count against
+The position of a worm changes neither rates nor outputs. This shift, a zero at 0, is ignored for
 minimum phase; see `LinearModel.phase_kind`.
 """
 
@@ -32,10 +32,10 @@ from wormopt.shown import Part, brief, html, lines
 Values = Mapping[str, ArrayLike]
 
 PhaseKind = Literal["minimum phase", "marginal", "not minimum phase"]
-"""Where the zeros lie: all to the left of the imaginary axis, some on it, some to the right."""
+"""Position of the zeros: all left of the imaginary axis, some on it, some right of it."""
 
 _MOST_POLES = 20  # in the table of a notebook
-_REGULAR = 1e12  # condition up to which a matrix counts as regular
+_REGULAR = 1e12  # condition up to which a matrix is regular
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +118,14 @@ class LinearModel:
         expected = self._zero_count
         if expected is not None and len(zeros[0]) + self.shifts != expected:
             raise ArgumentError(
-                f"{self.name}: its numbers spread over too many decades to tell the "
+                f"{self.name}: its numbers spread over too many decades to distinguish its "
                 f"{expected} zeros from those at infinity"
             )
         return zeros
 
     @property
     def _zero_count(self) -> int | None:
-        """Number of finite zeros by another count, n - sum of r, where the gain is regular."""
+        """Number of finite zeros from another formula, n - sum of r, if the gain is regular."""
         gain = self.high_frequency_gain
         if gain.shape[0] != gain.shape[1] or math.inf in self.relative_degree:
             return None
@@ -150,20 +150,20 @@ class LinearModel:
     def zeros(self) -> NDArray[np.complex128]:
         """Finite invariant zeros, sorted by real part; each shift adds an exact 0.
 
-        Hidden modes, which inputs do not reach or outputs do not show, are among them.
+        They include hidden modes, which are uncontrollable or unobservable.
 
         Raises
         ------
         ArgumentError
-            If the numbers spread over too many decades (about nine for a chain) to tell them.
+            If the numbers spread over too many decades (about nine for a chain) to find them.
         """
         return _sorted(self._zeros[0], self.shifts)
 
     @property
     def phase_kind(self) -> PhaseKind:
-        """Where the zeros lie, those of the shifts left out.
+        """Position of the zeros without those of the shifts.
 
-        A zero counts as on the axis where rounding may have moved it there.
+        A zero is on the axis if rounding may have moved it off.
         """
         zeros, uncertainty = self._zeros
         if np.any(zeros.real > uncertainty):
@@ -172,11 +172,11 @@ class LinearModel:
 
     @property
     def minimum_phase(self) -> bool:
-        """Whether all zeros but those of the shifts lie to the left of the imaginary axis."""
+        """Whether all zeros but those of the shifts lie left of the imaginary axis."""
         return self.phase_kind == "minimum phase"
 
     def _markov(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """D, C B, C A B, ..., C A^(n-1) B, and for each entry whether it is more than rounding.
+        """D, C B, C A B, ..., C A^(n-1) B, and for each entry whether it exceeds rounding.
 
         Rounding is bounded entry by entry, by the same products of absolute values.
         """
@@ -225,7 +225,7 @@ class LinearModel:
 
     @property
     def high_frequency_gain(self) -> np.ndarray:
-        """Matrix of how inputs enter these derivatives, rows C A^(r-1) B, shape (p, m)."""
+        """Factors of the inputs in these derivatives, rows C A^(r-1) B, shape (p, m)."""
         return self._leading[1]
 
     def frequency_response(self, omega: ArrayLike) -> np.ndarray:
@@ -266,7 +266,7 @@ class LinearModel:
 
     @cached_property
     def _quotient(self) -> Matrices:
-        """Without the shifts, in the units of inputs and outputs."""
+        """Matrices without the shifts, in the units of inputs and outputs."""
         return without_shifts(self._matrices)[0]
 
     def to_control(self) -> Any:

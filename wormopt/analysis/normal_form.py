@@ -37,7 +37,7 @@ from wormopt.numerics.identically import identically_zero
 Values = Mapping[str, ArrayLike]
 
 GainSign = Literal["positive definite", "negative definite", "semidefinite", "indefinite"]
-"""Sign of the symmetric part of a gain matrix; semidefinite where rounding hides which."""
+"""Sign of the symmetric part of a gain matrix; semidefinite if rounding hides it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class NormalForm:
         ).full()
 
     def sign(self, *, x: Values | None = None, p: Values | None = None, t: float = 0.0) -> GainSign:
-        """Tell the sign of the gain's symmetric part at a state.
+        """Sign of the gain's symmetric part at a state.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class NormalForm:
             If names or sizes do not fit the model.
         """
         gain = self.gain_at(x=x, p=p, t=t)
-        # equal diagonals take the decades out that the numbers of a worm may spread over
+        # equal diagonals remove the decades over which parameters of a worm may spread
         size = np.sqrt(np.abs(np.diag(gain)))
         size[size == 0] = 1.0
         even = gain / np.outer(size, size)
@@ -151,7 +151,7 @@ class NormalForm:
         return "semidefinite" if hidden else "indefinite"
 
     def zero_dynamics(self, held: ArrayLike | None = None) -> Model:
-        """Make the Model of what goes on while the outputs are held still.
+        """Model of the motion while the outputs are constant.
 
         Parameters
         ----------
@@ -223,7 +223,7 @@ class NormalForm:
         )
 
     def _states(self, coordinates: ca.SX) -> ca.SX:
-        """States of the model at given coordinates, which must be affine in them."""
+        """States of the model as affine functions of the coordinates; else ArgumentError."""
         x, known = pack(self.model.x), self.coordinates
         matrix = ca.jacobian(known, x)
         if ca.depends_on(matrix, x):
@@ -334,7 +334,7 @@ def _internal(model: Model, internal: str | Sequence[str]) -> tuple[Output, ...]
 
 
 def _free(model: Model, column: ca.SX, acting: ca.SX, what: str) -> None:
-    """Refuse a column in which inputs or forces appear, whatever the states and parameters are."""
+    """Refuse a column with inputs or forces, for any values of states and parameters."""
     factors = ca.jacobian(column, acting)
     if factors.nnz() == 0:
         return
@@ -343,7 +343,7 @@ def _free(model: Model, column: ca.SX, acting: ca.SX, what: str) -> None:
 
 
 def _symbols(model: Model) -> ca.SX:
-    """All symbols that a model's expressions may hold, in one column."""
+    """All symbols that a model's expressions may contain, in one column."""
     return ca.vertcat(
         model.t, pack(model.x), pack(model.p), pack(model.u), model.forces,
         *(ca.vertcat(s.begin, s.symbol) for s in model.schedules),

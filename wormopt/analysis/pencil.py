@@ -1,9 +1,9 @@
 """Invariant zeros of x' = A x + B u, y = C x + D u: points s where the pencil loses rank.
 
 The pencil is [[A - s I, B], [C, D]] (Rosenbrock). As a generalised eigenvalue problem it has
-infinite eigenvalues in blocks, which rounding turns into large finite ones. They are taken out
-first, by orthogonal transformations and decisions on rank [1]_; this works for any number of
-inputs and outputs, redundant ones included.
+infinite eigenvalues in blocks, which rounding turns into large finite ones. They are removed
+first, by orthogonal transformations and rank decisions [1]_; this works for any number of inputs
+and outputs, including redundant ones.
 
 References
 ----------
@@ -24,15 +24,15 @@ Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """A (n, n), B (n, m), C (p, n) and D (p, m)."""
 
 
-# What counts as zero where ranks are decided, by rounding errors of the matrices as a whole. It
-# allows for entries that carry rounding of their own: 10 is too few for four states mixed by a
-# matrix of condition 100, 1000 loses couplings that are small in a chain.
+# Tolerance of rank decisions, in rounding errors of whole matrices. It allows for entries with own
+# rounding errors: 10 is too small for four states mixed by a matrix of condition 100, 1000 loses
+# weak couplings of a chain.
 _ROUNDINGS = 100.0
 
 
 @dataclass(frozen=True)
 class _Rank:
-    """Singular values up to ``least`` count as zero."""
+    """Singular values up to ``least`` are zero."""
 
     least: float
 
@@ -41,7 +41,7 @@ class _Rank:
         return cls(_ROUNDINGS * _rounding(matrices))
 
     def split(self, matrix: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-        """Rank, left and right singular vectors; those of the null spaces come last."""
+        """Rank, left and right singular vectors; those of the null spaces are last."""
         rows, columns = matrix.shape
         if matrix.size == 0:
             return 0, np.eye(rows), np.eye(columns)
@@ -50,14 +50,14 @@ class _Rank:
 
 
 def _rounding(matrices: Matrices) -> float:
-    """Size of what rounding leaves of a zero in matrices of this size."""
+    """Rounding error of a zero in matrices of this size."""
     a, b, c, d = matrices
     whole = np.block([[a, b], [c, d]])
     return max(*whole.shape, 1) * np.finfo(float).eps * float(np.linalg.norm(whole))
 
 
 def balanced(matrices: Matrices) -> Matrices:
-    """Scale states, inputs and outputs by powers of 2 so that sizes are even; zeros stay."""
+    """Scale states, inputs and outputs by powers of 2 to similar sizes; zeros stay."""
     a, b, c, d = matrices
     n, size = len(a), len(a) + max(b.shape[1], c.shape[0])
     square = np.zeros((size, size))
@@ -73,21 +73,21 @@ def balanced(matrices: Matrices) -> Matrices:
 def without_shifts(matrices: Matrices) -> tuple[Matrices, int]:
     """Remove, and count, the shifts: directions of states changing neither rates nor outputs.
 
-    A shift, such as a worm's place, is a pole and a zero at 0 unseen from input to output.
+    A shift, such as a worm's position, is a pole and a zero at 0 that cancel.
     Their number is the dimension of the common null space of A and C.
     """
     a, b, c, d = matrices
-    # less generous than for zeros: a weakly damped motion must not pass for a shift
+    # stricter than for zeros: a weakly damped motion must not pass for a shift
     rank, _, right = _Rank(_rounding(matrices)).split(np.vstack([a, c]))
     keep = right[:, :rank]
     return (keep.T @ a @ keep, keep.T @ b, c @ keep, d), len(a) - rank
 
 
 def _row_full(matrices: Matrices, rank: _Rank) -> Matrices:
-    """Equivalent system whose D has full row rank: outputs that inputs reach late drop out.
+    """Equivalent system whose D has full row rank: outputs of higher relative degree drop out.
 
-    An output without feed-through must stay zero, which ties states down; their rates, which must
-    vanish too, are the outputs of what is left. Each round takes out one order of infinite zeros.
+    An output without feed-through must stay zero, which constrains states; its rate must be 0 too,
+    and is an output of the reduced system. Each round removes one order of infinite zeros.
     """
     a, b, c, d = matrices
     while True:
@@ -109,17 +109,17 @@ def _dual(matrices: Matrices) -> Matrices:
 
 
 def invariant_zeros(matrices: Matrices) -> tuple[NDArray[np.complex128], np.ndarray]:
-    """Find the finite invariant zeros (k,), and how far rounding may have moved each (k,).
+    """Find the finite invariant zeros (k,), and bounds of their rounding errors (k,).
 
     They are the transmission zeros and the hidden modes (uncontrollable or unobservable).
-    Sorted by real, then imaginary part; bounds are first-order. Best `balanced` beforehand.
+    Sorted by real, then imaginary part; bounds are first-order. Apply `balanced` first.
     """
     rounding, rank = _rounding(matrices), _Rank.of(matrices)
     a, b, c, d = _dual(_row_full(_dual(_row_full(matrices, rank)), rank))
     n = len(a)
     if n == 0:
         return np.zeros(0, dtype=complex), np.zeros(0)
-    # D is square and regular now: what [C, D] maps to zero is parametrised by n numbers
+    # D is square and regular now: n numbers parametrise the null space of [C, D]
     kernel = np.linalg.qr(np.hstack([c, d]).T, mode="complete")[0][:, len(d) :]
     stiff, mass = np.hstack([a, b]) @ kernel, kernel[:n]
     found: Any = scipy.linalg.eig(stiff, mass, left=True, right=True)

@@ -1,10 +1,10 @@
-"""Where a Model with walls rests: the least total energy among places that the walls allow.
+"""Static rest of a Model between walls: the least total energy within the walls.
 
-What rests without friction minimises, at least among places nearby, its elastic energy and the
-potential of its loads. An interior point finds the minimum and which walls are touched; Newton's
-method on the conditions of Kuhn and Tucker with these walls takes it to rounding. The multipliers
-of the gaps are the forces of the walls. The forces of the Model itself, which come from its
-equations of motion and not from the energy, must then balance.
+Without friction, rest minimises locally the sum of elastic energy and potential of loads. An
+interior point finds the minimum and the touched walls; Newton's method on the Kuhn-Tucker
+conditions with these walls refines it to rounding. The multipliers of the gaps are the wall
+forces. The forces of the Model itself, from its equations of motion and not from the energy,
+must then balance.
 
 Source: J. Nocedal, S. J. Wright, Numerical Optimization (2006), 12.5 for second-order conditions.
 """
@@ -26,16 +26,16 @@ from wormopt.model.model import Model, pack
 from wormopt.model.values import nominal_of, signal_values
 from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 
-# Rounds in which walls are touched or left, and steps of Newton's method in each.
+# Rounds of touching or leaving walls, and steps of Newton's method in each.
 _ROUNDS, _STEPS = 40, 30
-# Scaled residual at which Newton's method may end, by which walls are told apart, and below which
-# the least stiffness, over the largest, is nothing but rounding.
+# Scaled residuals at which Newton's method may end and by which walls are distinguished; relative
+# stiffness that is rounding.
 _SMALL, _APART, _NEUTRAL = 1e-9, 1e-12, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """Where a Model rests: a local minimum of the energy; there may be others."""
+    """Rest of a Model: a local minimum of the energy; there may be others."""
 
     places: np.ndarray  # (n_q,) first half of the Model's states
     pressed: np.ndarray  # (contacts,) wall forces: energy over distance
@@ -52,7 +52,7 @@ class Rest:
 
     @property
     def stable(self) -> bool:
-        """Whether every small move that walls allow takes energy."""
+        """Whether every small motion within the walls takes energy."""
         return self.softest > _NEUTRAL * self.stiffest
 
 
@@ -77,7 +77,7 @@ class Loaded:
 
     def __post_init__(self) -> None:
         model = self.model
-        model.places()  # refuses what has none
+        model.places()  # refuses other states
         if any(c.gap is None or c.normal_force is None for c in model.contacts):
             raise ArgumentError(f"{model.name}: all contacts must have gaps and normal forces")
         if (self.potential is None) != (self.inputs is None):
@@ -93,7 +93,7 @@ class Loaded:
         return self.model.n_x // 2
 
     def rest(self, start: ArrayLike, numbers: ArrayLike = ()) -> Rest:
-        """Find the rest that lowering the energy from the places `start` (n_q,) leads to.
+        """Find the rest by lowering the energy from the places `start` (n_q,).
 
         `numbers` are passed to `potential` and `inputs`.
         Raises SolveError "no_rest" (no minimum found) or "not_balanced" (forces there).
@@ -113,7 +113,7 @@ class Loaded:
         except SolveError:
             if found.success:
                 raise
-            # the interior point's own word does not count where Newton's method ends
+            # the interior point's status does not matter if Newton's method converges
             raise SolveError(
                 f"{self.model.name}: no place of rest was found ({found.status})",
                 "start nearer to it, or take smaller loads", code="no_rest",
@@ -123,7 +123,7 @@ class Loaded:
     def _polished(
         self, w: np.ndarray, force: np.ndarray, given: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Point and scaled forces to rounding, walls that pull or are entered put right."""
+        """Point and scaled forces to rounding, with the set of touched walls corrected."""
         gaps = self._gaps(w)
         touched = force > gaps
         for _ in range(_ROUNDS):
@@ -133,7 +133,7 @@ class Loaded:
             entered = ~touched & (self._gaps(w) < -_APART)
             if not (pulls.any() or entered.any()):
                 return w, np.maximum(force, 0.0)
-            # one at a time where walls pull: others may no longer do so then
+            # one pulling wall at a time: others may no longer pull then
             if pulls.any():
                 pulls = force == force[pulls].min()
             touched = (touched & ~pulls) | entered
@@ -145,7 +145,7 @@ class Loaded:
     def _newton(
         self, w: np.ndarray, force: np.ndarray, touched: np.ndarray, given: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Newton's method with the walls that are touched."""
+        """Newton's method with the touched walls."""
         n, on, last = len(w), np.flatnonzero(touched), np.inf
         zero = np.zeros((len(on), len(on)))
         for _ in range(_STEPS):
@@ -158,7 +158,7 @@ class Loaded:
             w, force = w + step[:n], force.copy()
             force[on] += step[n:]
             size = float(np.abs(step[:n]).max(initial=0.0))
-            if size < _APART or (size < _SMALL and size > last / 2):  # rounding, no more
+            if size < _APART or (size < _SMALL and size > last / 2):  # rounding
                 return w, force
             last = size
         raise SolveError(
@@ -190,7 +190,7 @@ class Loaded:
         )
 
     def _imbalance(self, q: np.ndarray, pressed: np.ndarray, given: np.ndarray) -> float:
-        """Accelerations by the equations of motion, over those of each kind of force alone."""
+        """Accelerations by the equations of motion, relative to those of each kind of force."""
         loads = np.zeros(sum(s.size for s in self.model.u))
         if self.inputs is not None:
             loads = np.array(self.inputs(q, given)).ravel()
@@ -225,7 +225,7 @@ class Loaded:
 
     @cached_property
     def _reaches(self) -> np.ndarray:
-        """By how much a gap changes over nominal sizes of the places."""
+        """Change of a gap over nominal sizes of the places."""
         slopes = np.array(ca.densify(self._own.jacobian()(np.zeros(self.n_q), 0, 0)[1]))
         found = np.linalg.norm(slopes * self._sizes, axis=1)
         return np.where(found > 0, found, 1.0)
@@ -283,7 +283,7 @@ class Loaded:
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution, the shortest one where places are neutral."""
+    """Solution; the shortest one if places are neutral."""
     try:
         found = np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
@@ -294,5 +294,5 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _null_space(jacobian: np.ndarray, n: int) -> np.ndarray:
-    """Columns: moves of length 1 along the walls."""
+    """Columns: motions of length 1 along the walls."""
     return null_space(jacobian, rcond=_APART) if len(jacobian) else np.eye(n)

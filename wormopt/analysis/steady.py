@@ -18,14 +18,14 @@ from wormopt.numerics.newton import newton
 
 Values = Mapping[str, ArrayLike]
 
-_SCALES = np.array([1.0, 0.25, 0.0625])  # of the boxes from which it starts
-ZERO = 1e-10  # share of the largest eigenvalue that is none
-_APART = 1e-6  # states that differ by less are one
+_SCALES = np.array([1.0, 0.25, 0.0625])  # of the boxes of starts
+ZERO = 1e-10  # relative eigenvalue that is 0
+_APART = 1e-6  # states that differ by less are equal
 
 
 @dataclass(frozen=True, eq=False)
 class SteadyState:
-    """A state that does not change, and how what is near it moves.
+    """A steady state, and the motion near it.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class SteadyState:
 
     @property
     def stable(self) -> bool:
-        """Whether everything near it comes to it: all real parts are below 0, not by round-off."""
+        """Whether nearby states converge to it: real parts are below 0 by more than round-off."""
         return bool(self.eigenvalues[0].real < -ZERO * np.abs(self.eigenvalues).max())
 
     @property
@@ -100,13 +100,13 @@ class Rates:
         self._slopes = ca.Function("slopes", self._symbols, [slopes])
 
     def parameters(self, given: Values | None) -> np.ndarray:
-        """Stack parameters and inputs; those given override the model's own."""
+        """Stack parameters and inputs: the given ones, else the model's own."""
         return signal_values(self._fixed, given, "parameter")
 
     def place(self, name: str) -> int:
-        """Row of a scalar parameter in what `parameters` stacks.
+        """Row of a scalar parameter in the result of `parameters`.
 
-        Raises ArgumentError if it is no scalar, UnknownNameError if there is none.
+        Raises ArgumentError if it is not scalar, UnknownNameError if there is none.
         """
         names = [signal.name for signal in self._fixed]
         check_names({name: 0}, names, "parameter")
@@ -141,7 +141,6 @@ class Rates:
 
 
 def _each(p: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Parameters, once for every state."""
     return np.broadcast_to(p, (len(x), p.shape[-1]))
 
 
@@ -153,7 +152,7 @@ def eigenvalues(matrix: np.ndarray) -> NDArray[np.complex128]:
 
 @lru_cache(maxsize=32)
 def rates_of(model: Model) -> Rates:
-    """Rates of an autonomous model, made once per model."""
+    """Rates of an autonomous model, cached."""
     return Rates(model)
 
 

@@ -1,4 +1,4 @@
-"""How a steady state and its eigenvalues change with parameters: the implicit function theorem.
+"""Derivatives of a steady state and its eigenvalues by parameters: the implicit function theorem.
 
 0 = f(x, p) gives dx/dp = -f_x^-1 f_p wherever f_x is regular; a simple eigenvalue of f_x, with the
 left vector w and the right vector v, changes by w' df_x v / (w' v).
@@ -23,11 +23,11 @@ from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact
 from wormopt.simulation.sensitivity.directions import Sensitivities, directions
 
-# Where the least singular value of the Jacobian is a smaller share of the largest, the state itself
-# is known no better than the distance to the fold.
+# If the ratio of the least to the largest singular value of the Jacobian is smaller, the state is
+# no more accurate than its distance to the fold.
 _SINGULAR = 1e-7
-# Share of the largest eigenvalue by which simple ones lie apart, and cosine of the angle between
-# left and right vector below which it is a Jordan block but for rounding.
+# Distance of simple eigenvalues, relative to the largest; cosine of the angle between left and
+# right vector below which it is a Jordan block up to rounding.
 _APART, _DEFECTIVE = 1e-7, 1e-7
 
 
@@ -191,7 +191,7 @@ def _eigenvalues(
     state: SteadyState, matrix: np.ndarray, changes: list[np.ndarray]
 ) -> NDArray[np.complex128]:
     """Derivatives of simple eigenvalues along changes of their matrix; NaN for the others."""
-    vectors: Any = eig(matrix, left=True, right=True)  # its type depends on what is asked
+    vectors: Any = eig(matrix, left=True, right=True)  # its type depends on the arguments
     values, left, right = vectors
     scale = np.abs(values).max()
     found = np.full((len(values), len(changes)), np.nan, dtype=complex)

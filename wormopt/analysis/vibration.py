@@ -1,11 +1,11 @@
-"""Small free vibrations of a Model about a state at rest: natural frequencies and their shapes.
+"""Small free vibrations of a Model about a state at rest: natural frequencies and modes.
 
-The elastic energy's second derivatives by the places are the stiffness K, the kinetic energy's by
-the rates the mass M; frequencies are square roots of the eigenvalues of K s = w² M s. Neither
-damping nor loads nor friction take part: what a wall does is told by coordinates that are held.
+Stiffness K and mass M are second derivatives of the elastic energy by the places and of the
+kinetic energy by the rates; frequencies are square roots of the eigenvalues of K s = w² M s.
+Damping, loads and friction are ignored; held coordinates represent walls.
 
-Of many places only those near to each other act on each other, and few vibrations are asked for:
-they are found by Lanczos' method of (K + shift M)^-1 M, and counted by the signs of pivots.
+With many places, matrices are sparse and few vibrations are requested: these are computed by
+Lanczos' method of (K + shift M)^-1 M, and counted by the signs of pivots.
 
 Sources: L. Meirovitch, Fundamentals of Vibrations (2001), chapter 7; R. G. Grimes, J. G. Lewis and
 H. D. Simon, SIAM J. Matrix Anal. Appl. 15 (1994) 228 for the shift and the count.
@@ -30,9 +30,9 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, Signal, pack
 from wormopt.model.values import by_name, check_names, signal_values
 
-# Eigenvalues below so many roundings of the largest one are those of rigid motions.
+# Eigenvalues below this many roundings of the largest one are those of rigid motions.
 _ROUNDINGS = 100.0
-# Up to so many places, and for a larger share of all vibrations, dense matrices are quicker.
+# Up to this many places, and for a larger share of all vibrations, dense matrices are faster.
 _DENSE, _FEW = 150, 0.1
 # Stiffness and mass of models that are still in use.
 _built: WeakKeyDictionary[Model, ca.Function] = WeakKeyDictionary()
@@ -155,7 +155,7 @@ def vibration_modes(
 
 
 def _check_found(found: _Pairs, rigid: int | None, name: str) -> None:
-    """Refuse states that are not stable, and vibrations that rounding hides."""
+    """Refuse unstable states, and vibrations hidden by rounding."""
     if found.squares[0] < -found.smallest:
         raise ArgumentError(f"{name} is not stable at this state: it would buckle")
     if rigid is not None and np.sum(found.squares <= found.smallest) > rigid:
@@ -168,7 +168,7 @@ def _check_found(found: _Pairs, rigid: int | None, name: str) -> None:
 
 
 def _free(places: Sequence[Signal], held: Mapping[str, Sequence[int]]) -> np.ndarray:
-    """Numbers of the coordinates that are not held."""
+    """Indices of the coordinates that are not held."""
     check_names(held, [s.name for s in places], "place")
     columns = by_name(places, np.arange(sum(s.size for s in places)))
     fixed: list[int] = []
@@ -201,7 +201,7 @@ def _matrices(
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """Least eigenvalues, ascending, their vectors, and what of them is but rounding."""
+    """Least eigenvalues, ascending, their vectors, and the size of rounding."""
 
     squares: np.ndarray
     vectors: np.ndarray
@@ -209,12 +209,11 @@ class _Pairs:
 
     @property
     def rounding(self) -> float:
-        """The frequency that belongs to it."""
+        """Frequency of this rounding."""
         return float(np.sqrt(self.smallest)) / (2 * np.pi)
 
 
 def _all(K: csc_array, M: csc_array, name: str) -> _Pairs:
-    """All of them."""
     try:
         squares, vectors = scipy.linalg.eigh(K.toarray(), M.toarray())
     except np.linalg.LinAlgError:
@@ -223,10 +222,10 @@ def _all(K: csc_array, M: csc_array, name: str) -> _Pairs:
 
 
 def _few(K: csc_array, M: csc_array, count: int) -> _Pairs | None:
-    """The least `count`; None where that is not the way, or not shown to be all of them.
+    """The `count` least eigenvalues; None if another method is better or completeness is not shown.
 
-    A shift far below the wanted ones costs their digits, one far above them steps: it is of the
-    size of the middle of those that are no rigid motions, which is looked for first.
+    A shift far below the wanted ones costs accuracy, one far above them iterations: it is set to
+    the middle of those that are no rigid motions, which is estimated first.
     """
     n = K.indptr.size - 1
     if n <= _DENSE or count > _FEW * n:
@@ -251,7 +250,7 @@ def _few(K: csc_array, M: csc_array, count: int) -> _Pairs | None:
 
 
 def _complete(found: _Pairs, K: csc_array, M: csc_array) -> bool:
-    """Whether there are no others below the last gap: Lanczos' method may pass by equal ones."""
+    """Whether no others are below the last gap: Lanczos' method may miss multiple ones."""
     squares = found.squares
     wide = np.flatnonzero(np.diff(squares) > max(1e-9 * squares[-1], found.smallest))
     if not len(wide):
@@ -261,7 +260,7 @@ def _complete(found: _Pairs, K: csc_array, M: csc_array) -> bool:
 
 
 def _negative(matrix: csc_array) -> int:
-    """How many eigenvalues are negative: as many as pivots, by Sylvester's law of inertia.
+    """Number of negative eigenvalues: that of negative pivots, by Sylvester's law of inertia.
 
     LinAlgError if the pivots are not those of the diagonal.
     """
@@ -273,12 +272,11 @@ def _negative(matrix: csc_array) -> int:
 
 
 def _rounded(largest: float) -> float:
-    """Size of an eigenvalue that is nothing but rounding."""
+    """Size of an eigenvalue that is rounding."""
     return _ROUNDINGS * np.finfo(float).eps * largest
 
 
 def _residual(K: csc_array, M: csc_array, squares: np.ndarray, vectors: np.ndarray) -> float:
-    """How well eigenvalues and their vectors fit the matrices."""
     apart = np.linalg.norm(K @ vectors - (M @ vectors) * squares, axis=0)
     size = abs(K).sum(axis=0).max() * np.linalg.norm(vectors, axis=0)
     return float((apart / np.where(size > 0, size, 1.0)).max())

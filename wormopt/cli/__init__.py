@@ -53,9 +53,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say("interrupted; nothing saved")
         return INTERRUPTED
     except (ValueError, ImportError) as error:
-        if not (said := no_backend(error)):
+        if not (message := no_backend(error)):
             raise
-        say(said)
+        say(message)
         return BAD_INPUT
     except OSError as error:  # a name too long, a full disk
         if _nobody_reads(error):

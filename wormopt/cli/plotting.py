@@ -128,7 +128,6 @@ def _wanted(result: Result, there: Mapping[str, str]) -> Sequence[str]:
 
 
 def _files(options: argparse.Namespace, source: Path, names: Sequence[str]) -> dict[str, Path]:
-    """Return the file of each picture."""
     names = list(dict.fromkeys(names))
     path = Path(options.output) if options.output else source.parent
     if options.output is None or path.is_dir() or not path.suffix:

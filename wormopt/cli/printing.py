@@ -30,8 +30,8 @@ def print_result(result: Result) -> None:
         print(table)
     print("Trust:")
     width = max(_columns() - 2, 40)
-    for told in trust(result):
-        print(textwrap.indent(textwrap.fill(one_line(told), width, subsequent_indent="  "), "  "))
+    for reason in trust(result):
+        print(textwrap.indent(textwrap.fill(one_line(reason), width, subsequent_indent="  "), "  "))
 
 
 def print_all(result: Result) -> None:

@@ -159,4 +159,6 @@ def _draw_all(result: Result, pictures: dict[str, str], folder: Path) -> None:
             why = f"drawing failed ({type(error).__name__}: {error}); please report this"
             if isinstance(error, KeyError):
                 why = f"{str(error).partition(';')[0]}, see its trust report"
+            elif result.status == "failed":
+                why = "the result is incomplete, see its trust report"
             say(f"{file} left out: {why}")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import Any
+import tomllib
+from typing import Any, NamedTuple
 
 from wormopt.cli.codes import BAD_INPUT, DONE, kind_name, say
 from wormopt.cli.synonyms import has_all
 from wormopt.errors import SceneError
 from wormopt.kinds import GROUPS, KINDS
-from wormopt.study import Scene, load_scene, packaged_scenes
+from wormopt.study import load_scene, packaged_scenes
 from wormopt.study.scene import times_of_scenes
 
 
@@ -76,16 +77,23 @@ def _list(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _found(options: argparse.Namespace) -> dict[str, dict[str, list[Scene[Any]]]]:
+class _Packaged(NamedTuple):
+    """What is shown of a packaged scene; its tables are not read."""
+
+    name: str
+    title: str
+
+
+def _found(options: argparse.Namespace) -> dict[str, dict[str, list[_Packaged]]]:
     """Return the scenes asked for, by group and kind.
 
     A kind that has all words brings all its scenes; another one brings those that have all words.
     """
-    packaged: dict[str, list[Scene[Any]]] = {kind: [] for kind in KINDS}
-    for name in packaged_scenes():
-        scene = load_scene(name)
-        packaged[scene.table.kind].append(scene)
-    found: dict[str, dict[str, list[Scene[Any]]]] = {}
+    packaged: dict[str, list[_Packaged]] = {kind: [] for kind in KINDS}
+    for name, path in packaged_scenes().items():
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        packaged[raw["kind"]].append(_Packaged(name, raw.get("title") or name))
+    found: dict[str, dict[str, list[_Packaged]]] = {}
     for group, kinds in GROUPS.items():
         for kind in kinds:
             scenes = packaged[kind]

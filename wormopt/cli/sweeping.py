@@ -120,7 +120,7 @@ def _sweep(options: argparse.Namespace) -> int:
         result, code = stop.partial, INTERRUPTED
     if options.show:
         names = [name.strip() for name in options.show.split(",")]
-        there = result.attributes["numbers"]
+        there = [*result.attributes["numbers"], *result.attributes["series"]]
         unknown = [name for name in names if name not in there]
         if unknown:
             missing = f"--show: there is no scalar {', '.join(unknown)}; it is left out"

@@ -1,4 +1,4 @@
-"""Driving a plant open loop: its inputs are courses of time."""
+"""Open-loop control: inputs of a plant as functions of time."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from wormopt.model.gait import Gait
 from wormopt.model.given import check_flag, check_kind
 from wormopt.model.model import Model, Output, Signal
 
-# Part of its bound, or nominal size, by which an input may exceed it: optimised courses run along
-# bounds, but for rounding and the tolerance of the solver.
+# Share of its bound, or nominal size, by which an input may exceed it: optimised inputs follow
+# bounds up to rounding and the tolerance of the solver.
 _EXCESS = 1e-8
 
 
@@ -68,22 +68,22 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
     if inputs.links != size:
         raise ArgumentError(f"{plant.name} has {size} scalar inputs, the course {inputs.links}")
     course = gait_reference(inputs, plant.t, periodic=periodic, name="input")
-    value, told = _cut(plant.u, course.value)
+    value, saturation = _cut(plant.u, course.value)
     units = {signal.unit for signal in plant.u}
     shown = Output("input", value, units.pop() if len(units) == 1 else "1")
     fed = feed(plant, plant.u, value)
     return replace(
         fed,
         name=f"{plant.name}, driven",
-        outputs=[*fed.outputs, shown, *told],
+        outputs=[*fed.outputs, shown, *saturation],
         schedules=[*fed.schedules, *course.schedules],
     )
 
 
 def _cut(inputs: Sequence[Signal], course: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
-    """Cut a course of all inputs to their bounds, and the output that says where.
+    """Cut inputs over time to their bounds; also the output that shows where.
 
-    Without any bounds the course stays as it is, and there is no output.
+    Without bounds the inputs are unchanged, and there is no output.
     """
     bounds = np.array([(s.lower, s.upper, s.nominal) for s in inputs for _ in range(s.size)])
     if not np.any(np.isfinite(bounds[:, :2])):

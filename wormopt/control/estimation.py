@@ -1,9 +1,9 @@
-"""Moving-horizon estimation: parameters that explain the last motion best, on the same arcs.
+"""Moving-horizon estimation: parameters that fit the recent motion best, on the same arcs.
 
-Unknown are the state at which the window begins and the logarithms of chosen parameters. The sum
-of squares of what measured states miss is minimised by steps of Gauss and Newton, together with
-what is believed of the parameters: what slides out of the window is not forgotten but added to
-that belief, linearised where it stood [1]_.
+Unknowns are the initial state of the window and the logarithms of chosen parameters. The sum of
+squared errors of measured states is minimised by Gauss-Newton steps, together with a prior for the
+parameters: arcs that leave the window are not lost but added to the prior, linearised at their
+last values [1]_.
 
 .. [1] C. V. Rao, J. B. Rawlings, D. Q. Mayne, "Constrained state estimation for nonlinear discrete-
    time systems", IEEE Trans. Automat. Control 48 (2003) 246-258.
@@ -18,13 +18,13 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.ocp.stages import Given, Linearised, Sensitivity, Stages
 
-# Parameters stay within this factor of what was believed first, whatever a window says.
+# Parameters stay within this factor of the first prior.
 _MOST = 4.0
 
 
 @dataclass(frozen=True)
 class Estimation:
-    """What is estimated, and how.
+    """Options of an estimation.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ class Estimator:
         self.stages, self.given, self.estimation = stages, given, estimation
         self.chosen = places(stages, estimation.names)
         count = len(self.chosen)
-        self.logarithms = np.zeros(count)  # against the parameters that are given
+        self.logarithms = np.zeros(count)  # relative to the given parameters
         self._own = np.eye(count) / estimation.spread**2
-        self._information, self._told = self._own, np.zeros(count)
+        self._information, self._weighted = self._own, np.zeros(count)
         self._rows = np.zeros((0, stages.arc.layout.size))
         self._measured = np.zeros((0, stages.n_x))
         self._seen = 0
@@ -83,15 +83,15 @@ class Estimator:
 
     @property
     def p(self) -> np.ndarray:
-        """Parameters (n_p,) of the model as they are estimated."""
+        """Parameters (n_p,) of the model with the estimates."""
         p = self.given.p.copy()
         p[self.chosen] *= np.exp(self.logarithms)
         return p
 
     def see(self, row: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """Take in the next arc: its variables (n_y,) as predicted, the states (n_x,) at its ends.
+        """Add the next arc: its predicted variables (n_y,), and the states (n_x,) at its ends.
 
-        Gives the parameters (n_p,) that explain the window best.
+        Returns the parameters (n_p,) that fit the window best.
         """
         row, sizes = row.copy(), self.stages.arc.x_nominal
         row[self.stages.start] = before / sizes
@@ -111,20 +111,20 @@ class Estimator:
         return Given(part.levels, part.schedules, self.p)
 
     def _forget(self) -> None:
-        """Let the oldest arc out, and add what it says of the parameters to what is believed."""
+        """Remove the oldest arc, and add its information about the parameters to the prior."""
         given, oldest, stages = self._given(slice(0, 1)), self._rows[:1], self.stages
         arc = stages.linearise(oldest, given)
         J = stages.sensitivity(oldest, given, self.chosen).end[0]
         off = self._measured[0] - oldest[0, stages.start]
         missed = self._measured[1] - arc.end[0] - arc.dynamics[0, :, : stages.n_x] @ off
-        weight = 0.5 / self.estimation.noise**2  # two measured states are in it
+        weight = 0.5 / self.estimation.noise**2  # it contains two measured states
         kept = np.exp(-1 / self.estimation.memory)
         self._information = self._own + kept * (self._information - self._own) + weight * J.T @ J
-        self._told = kept * self._told + weight * J.T @ (J @ self.logarithms + missed)
+        self._weighted = kept * self._weighted + weight * J.T @ (J @ self.logarithms + missed)
         self._rows, self._measured = self._rows[1:], self._measured[1:]
 
     def _improve(self) -> None:
-        """One step of Gauss and Newton in the window's first state and the logarithms."""
+        """One Gauss-Newton step in the window's first state and the logarithms."""
         stages, rows = self.stages, self._rows
         given = self._given(slice(0, len(rows)))
         arcs, by = stages.linearise(rows, given), stages.sensitivity(rows, given, self.chosen)
@@ -141,10 +141,10 @@ class Estimator:
         self.logarithms = np.clip(self.logarithms + logarithms, -most, most)
 
     def _least_squares(self, slopes: np.ndarray, missed: np.ndarray) -> np.ndarray:
-        """Change (n_x + chosen,) that explains what nodes miss, and what is believed, best."""
+        """Change (n_x + chosen,) that minimises the errors at nodes and of the prior."""
         n_x, count = self.stages.n_x, len(self.chosen)
         root = np.linalg.cholesky(self._information).T
-        believed = np.linalg.solve(self._information, self._told)
+        believed = np.linalg.solve(self._information, self._weighted)
         matrix = np.zeros((slopes.shape[0] * n_x + count, n_x + count))
         matrix[:-count] = slopes.reshape(-1, n_x + count) / self.estimation.noise
         matrix[-count:, n_x:] = root
@@ -171,7 +171,7 @@ def _chained(
 
 
 def places(stages: Stages, names: tuple[str, ...]) -> np.ndarray:
-    """Places of parameters by name among all of the model; ArgumentError where there is none."""
+    """Indices of named parameters among all of the model; ArgumentError if there is none."""
     first, found = 0, {}
     for signal in stages.program.problem.model.p:
         found[signal.name] = range(first, first + signal.size)

@@ -1,4 +1,4 @@
-"""What lambda-trackers feed back: an error, its gain and its tube make a force."""
+"""Feedback laws of lambda-trackers: from error, gain and tube to a force."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wormopt.model.values import numbers_of
 
 @dataclass(frozen=True, eq=False)
 class Fed:
-    """A force, and what it needs beside the plant and the gain."""
+    """A force, and its own states."""
 
     force: ca.SX  # (n, 1)
     states: Sequence[Signal] = ()
@@ -28,7 +28,7 @@ class Fed:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What a feedback may use."""
+    """Arguments of a feedback law."""
 
     error: TrackingError
     gain: ca.SX  # k
@@ -38,7 +38,7 @@ class Known:
 
     @property
     def size(self) -> int:
-        """Entries of the error."""
+        """Number of entries of the error."""
         return self.error.value.numel()
 
     def started(self) -> tuple[float, ...]:
@@ -61,7 +61,7 @@ def by_filter(known: Known) -> Fed:
 
 
 def by_difference(known: Known) -> Fed:
-    """Feed back (13) with (e(t) - e(t - h)) / h in place of e'; e was e(0) before the start."""
+    """Feed back (13) with (e(t) - e(t - h)) / h instead of e'; before the start e was e(0)."""
     check_number("lag", known.lag, above=0.0)
     k, e, h = known.gain, known.error.value, ca.SX.sym("lag")
     past = ca.SX.sym("past_error", known.size)

@@ -1,6 +1,6 @@
-"""The loop of a lambda-tracker whose gain is frozen, around a linear plant: poles and margins.
+"""The loop of a lambda-tracker with frozen gain around a linear plant: poles and margins.
 
-With the gain k held, (13) is u = -k (1 + s) e, and (14) u = -k (1 + s) k^2 / (s + k^2) e. Outputs
+With constant gain k, (13) is u = -k (1 + s) e, and (14) u = -k (1 + s) k^2 / (s + k^2) e. Outputs
 have relative degree two, so that y' is C A x.
 """
 
@@ -22,13 +22,13 @@ from wormopt.model.explicit import import_control
 
 Complex = NDArray[np.complex128]
 
-LARGEST_FACTOR = 1e6  # gain margins are sought up to here
+LARGEST_FACTOR = 1e6  # gain margins are searched up to here
 _FACTORS, _PHASES, _OMEGAS = 61, 91, 400
 
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """x' = A x + B u + F f, y = C x, what neither moves nor shows taken out."""
+    """x' = A x + B u + F f, y = C x, without uncontrollable and unobservable parts."""
 
     A: np.ndarray
     B: np.ndarray
@@ -37,9 +37,9 @@ class Plant:
 
     @classmethod
     def of(cls, linear: LinearModel, inputs: int) -> Plant:
-        """Take the first `inputs` of a LinearModel for u, the others for forces of the ground.
+        """Split the inputs of a LinearModel: the first `inputs` are u, the others ground forces.
 
-        Raises ArgumentError unless u comes in with the second derivatives of as many outputs.
+        Raises ArgumentError unless u acts on the second derivatives of as many outputs.
         """
         matrices, shifts = (linear.A, linear.B, linear.C, linear.D), 1
         while shifts:
@@ -58,11 +58,11 @@ class Plant:
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a loop is from instability.
+    """Stability margins of a loop.
 
-    `gain`: factor common to all inputs up to which it is stable, inf beyond 1e6; `phase`: angle in
-    radians by which all may lag; `disk`: 1 / max |S - I/2| (spectral norm), inputs apart from each
-    other; `peak`: max |S|. All 0 (peak inf) where the loop is unstable.
+    `gain`: factor common to all inputs up to which it is stable, inf beyond 1e6; `phase`: common
+    phase lag of all inputs in radians; `disk`: 1 / max |S - I/2| (spectral norm), inputs
+    independent; `peak`: max |S|. All 0 (peak inf) if the loop is unstable.
     """
 
     gain: float
@@ -73,7 +73,7 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class FrozenLoop:
-    """A plant under a lambda-tracker whose gain is held at `gain`."""
+    """A plant under a lambda-tracker with the constant gain `gain`."""
 
     plant: Plant
     gain: float
@@ -81,10 +81,7 @@ class FrozenLoop:
 
     @cached_property
     def opened(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, B, C of the loop cut at the plant's inputs, from u to what the tracker would put in.
-
-        The tracker puts in minus that.
-        """
+        """A, B, C of the loop cut at the plant's inputs, from u to minus the tracker's command."""
         plant, k = self.plant, self.gain
         a, b, c = plant.A, plant.B, plant.C
         if self.feedback == "derivative":
@@ -117,13 +114,13 @@ class FrozenLoop:
         return k * (1 + s) * (k**2 / (s + k**2) if self.feedback == "filter" else 1.0)
 
     def sensitivity(self, omega: np.ndarray, response: Complex | None = None) -> Complex:
-        """S(i omega) = (I + G K)^-1; `response` is the plant's, where it is known."""
+        """S(i omega) = (I + G K)^-1; `response` is the plant's, if known."""
         g = self.plant.response(omega) if response is None else response
         returned = np.eye(g.shape[1]) + self.compensator(omega)[:, None, None] * g
         return np.linalg.inv(returned).astype(np.complex128)
 
     def margins(self) -> Margins:
-        """Find how far the loop is from instability."""
+        """Stability margins of the loop."""
         if not self.stable:
             return Margins(0.0, 0.0, 0.0, np.inf)
         factors = np.logspace(0, np.log10(LARGEST_FACTOR), _FACTORS)
@@ -145,12 +142,12 @@ class FrozenLoop:
         return np.linalg.eigvals(closed).real.max(axis=1)
 
     def _first(self, factor: Any, grid: np.ndarray) -> float | None:
-        """First point of a grid, refined, at which the loop with a factor is stable no more."""
+        """First point of a grid, refined, at which the loop with a factor is unstable."""
         unstable = np.flatnonzero(self._abscissa(factor(grid)) >= 0)
         if not unstable.size:
             return None
         at = int(unstable[0])
-        if at == 0:  # it is where the grid begins
+        if at == 0:  # unstable at the first point
             return float(grid[0])
         ends = grid[at - 1], grid[at]
         found: Any = brentq(lambda z: self._abscissa(factor(z))[0], *ends, xtol=1e-13)

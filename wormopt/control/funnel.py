@@ -1,4 +1,4 @@
-"""Funnel control: the error stays within bounds that shrink in time."""
+"""Funnel control: the error stays within bounds that decrease with time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wormopt.model.model import TINY, Model, Output, Signal
 Number = float | ca.SX
 
 FunnelLaw = Literal["recursive", "two gains"]
-"""How error and rate are fed back: by e' + k_0 e, or each by a gain and a funnel of its own."""
+"""Feedback of error and rate: by e' + k_0 e, or each by its own gain and funnel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,12 +212,12 @@ def _units(start: str) -> dict[str, str]:
 
 
 def _check_room(funnel: Funnel, rate_funnel: Funnel) -> None:
-    """Refuse a rate funnel in which an error at the edge of its own cannot follow that."""
+    """Refuse a rate funnel too narrow for an error at the edge of its funnel to follow it."""
     numbers = [f for each in (funnel, rate_funnel) for f in (each.start, each.end, each.time)]
     if any(isinstance(number, ca.SX) for number in numbers):
         return
     start, end, time, rate_start, rate_end, rate_time = map(float, numbers)
-    # where psi_1 + psi_0' may be least: at the start, where it has no slope, or in the end
+    # least psi_1 + psi_0': at the start, where it has no slope, or at the end
     shrinks, narrows = (start - end) / time, (rate_start - rate_end) / rate_time
     times, apart = [0.0], 1 / time - 1 / rate_time
     if shrinks * narrows > 0 and apart != 0:

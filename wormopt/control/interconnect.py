@@ -1,4 +1,4 @@
-"""A closed loop taken apart into plant and controller, and joined again by python-control."""
+"""Splits a closed loop into plant and controller, and joins them by python-control."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from wormopt.model.model import Model, Output, Signal, pack
 from wormopt.model.values import check_names
 
 MEASURED = ("length", "rate")
-"""What a tracker of a chain sees of it: outputs of the plant."""
-_TRIES = 3  # states drawn at random at which a controller is asked what it sees
+"""Outputs of the plant that a tracker of a chain uses."""
+_TRIES = 3  # random states at which the inputs of a controller are tested
 
 
 def controller_of(
@@ -183,14 +183,14 @@ def _own_states(loop: Model, plant: Model) -> Sequence[Signal]:
     )
     if not alike:
         raise ArgumentError(
-            f"{loop.name} is no loop around this {plant.name}; hand over the very plant of which "
-            "it was made"
+            f"{loop.name} is no loop around this {plant.name}; pass the plant from which it was "
+            "made"
         )
     return loop.x[len(plant.x) :]
 
 
 def _by_measured(plant: Model, outputs: ca.SX, seen: ca.SX) -> ca.SX:
-    """States of the plant that have the measured outputs `seen`; those that do not show are 0."""
+    """States of the plant in terms of the measured outputs `seen`; unobservable ones are 0."""
     x = pack(plant.x)
     matrix = ca.jacobian(outputs, x)
     if ca.symvar(matrix):
@@ -210,10 +210,10 @@ def _by_measured(plant: Model, outputs: ca.SX, seen: ca.SX) -> ca.SX:
 def _check_seen(
     plant: Model, wanted: ca.SX, states: ca.SX, seen: ca.SX, signals: Sequence[Signal]
 ) -> None:
-    """Refuse a controller that knows more of the plant than its measured outputs.
+    """Refuse a controller that uses more of the plant than its measured outputs.
 
-    Its expressions must not change when the plant's states are replaced by others of the same
-    measured outputs; that is tried at states drawn at random.
+    Its expressions must not change when the plant's states are replaced by others with the same
+    measured outputs, which is tested at random states.
     """
     x = pack(plant.x)
     measured = ca.vertcat(*(plant[s.name] for s in signals))

@@ -18,24 +18,24 @@ from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Model, Output, Signal, Switch
 
 Feedback = Literal["derivative", "filter", "difference", "backstepping"]
-"""What stands in for e': the rate itself (13), a filter (14), a difference in time, nothing."""
+"""Replacement of e': the rate itself (13), a filter (14), a difference in time, nothing."""
 
 Number = float | ca.SX
 
 
 @dataclass(frozen=True, eq=False)
 class Growth:
-    """Time derivative of the gain, and the states that an adaptation adds."""
+    """Time derivative of the gain, and the states of the adaptation."""
 
     rate: ca.SX  # time derivative of the gain
     states: Sequence[Signal] = ()  # of the adaptation
     rates: Sequence[ca.SX] = ()  # time derivatives of `states`
-    switches: Sequence[Switch] = ()  # jumps of `states`; ``reset`` is their column alone
+    switches: Sequence[Switch] = ()  # jumps of `states`; ``reset`` contains only these
 
 
 @runtime_checkable
 class Adaptation(Protocol):
-    """How the gain grows; a frozen dataclass whose numbers become parameters ``gain_<field>``."""
+    """Adaptation law of the gain: a frozen dataclass; its numbers become parameters."""
 
     def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
         """Time derivative of the gain k.
@@ -201,9 +201,9 @@ class Decay:
         own = ca.vertcat(decaying, timer)
         excess = _excess(square, tube_radius)
         # Both exponents in one formula: below 1 only the root differs from 1, above only the
-        # square. The root has no slope at 0; a number far below round-off keeps derivatives finite.
+        # square. A tiny number keeps the derivative of the root at 0 finite.
         both = ca.sqrt(ca.fmin(ca.fmax(excess, 1e-40), 1)) * ca.fmax(excess, 1) ** 2
-        # The timer runs outside the tube too; what it then tells is not heeded.
+        # The timer also runs outside the tube, where it is ignored.
         inside = square <= tube_radius**2
         return Growth(
             self.growth * both - decaying * self.decay * gain,
@@ -357,7 +357,7 @@ def lambda_tracker(
 
 
 def _excess(square: ca.SX, tube_radius: ca.SX) -> ca.SX:
-    """[|e| - lambda]+, written so that its derivatives are finite at e = 0."""
+    """[|e| - lambda]+, with finite derivatives at e = 0."""
     return ca.sqrt(ca.fmax(square, tube_radius**2)) - tube_radius
 
 
@@ -371,6 +371,6 @@ def _crossings(square: ca.SX, radius: ca.SX, reset: ca.SX, name: str = "tube") -
 
 
 def _check_field(name: str, value: Number, **bound: float) -> None:
-    """Refuse a number that is out of range; symbols pass."""
+    """Refuse a number out of range; symbols pass."""
     if not isinstance(value, ca.SX):
         check_number(name, value, **bound)

@@ -1,4 +1,4 @@
-"""What closed loops share: the tracking error, and a plant whose inputs are put in."""
+"""Common parts of closed loops: the tracking error, and a plant with inserted inputs."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from wormopt.model.schedule import Schedule
 from wormopt.model.values import numbers_of
 
 Actuator = Literal["force", "rest_length"]
-"""What a controller commands: the force u, or by (11) the change l of rest lengths, u = c l."""
+"""Command of a controller: the force u, or by (11) the change l of rest lengths, u = c l."""
 
-# Real part of an eigenvalue, against the largest entry, that is as good as 0; how many are listed.
+# Relative real part of an eigenvalue that is 0; number of listed eigenvalues.
 _SINGULAR, _LISTED = 1e-12, 4
 _RATES = {"length": "speed", "angle": "angular_frequency", "share": "rate"}
 
@@ -105,18 +105,18 @@ class TrackingError:
 
     @classmethod
     def of(cls, plant: Model, reference: Reference, output: str = "length") -> TrackingError:
-        """Take the error of a plant's output; e' follows from the plant's ode.
+        """Tracking error of a plant's output; e' follows from the plant's ode.
 
         Raises ArgumentError if there is no such output, if the reference does not fit, or if the
-        output's rate depends on inputs or contact forces at once (relative degree below two).
+        output's rate depends directly on inputs or contact forces (relative degree below two).
         """
         check_kind("plant", plant, Model)
         if not isinstance(reference, Reference):
             what = type(reference).__name__
             raise ArgumentError(f"reference must be follow(gait, plant.t), not {what}")
         own = ca.vertcat(plant.t, *(ca.vertcat(s.symbol, s.begin) for s in reference.schedules))
-        told = [reference.value, reference.rate]
-        if ca.Function("reference", [own], told, {"allow_free": True}).has_free():
+        parts = [reference.value, reference.rate]
+        if ca.Function("reference", [own], parts, {"allow_free": True}).has_free():
             raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
         followed = {signal.name: signal.unit for signal in (*plant.x, *plant.outputs)}
         if output not in followed:
@@ -138,11 +138,11 @@ class TrackingError:
 
     @property
     def rate_unit(self) -> str:
-        """Quantity of the rate, as far as it has a name."""
+        """Quantity of the rate, if it has a name."""
         return _RATES.get(self.unit, "1")
 
     def per(self, quantity: str) -> str:
-        """Quantity of a gain, which has a name where a force answers a length."""
+        """Quantity of a gain; it has a name if a force responds to a length."""
         return quantity if self.unit == "length" else "1"
 
     @property
@@ -159,7 +159,7 @@ class TrackingError:
         ]
 
     def at_start(self, plant: Model, reference: Reference) -> tuple[np.ndarray, np.ndarray] | None:
-        """Error and its rate at time 0; None where the plant does not say where it starts."""
+        """Error and its rate at time 0; None if the plant gives no initial state."""
         known = [*plant.x, *plant.p]
         if any(signal.value is None for signal in known):
             return None
@@ -184,7 +184,7 @@ def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:
 
 
 def input_of(plant: Model, size: int, name: str = "input") -> Signal:
-    """Take the plant's input by which a loop is closed.
+    """The plant's input by which a loop is closed.
 
     Raises ArgumentError if there is none of that name, of `size` scalars.
     """
@@ -204,10 +204,10 @@ def actuated(
     actuator: Actuator,
     feedforward: FeedForward | None,
 ) -> tuple[ca.SX, tuple[Signal, ...]]:
-    """Force (n, 1) of actuators that are commanded, with a feed-forward, and its parameters.
+    """Force (n, 1) of actuators under a command, with a feed-forward, and its parameters.
 
     Raises ArgumentError if an argument is of another kind, or the plant has no ``stiffness`` of as
-    many entries where rest lengths are moved.
+    many entries for moved rest lengths.
     """
     check_choice("actuator", actuator, get_args(Actuator))
     force = _moved(plant, command) if actuator == "rest_length" else command
@@ -235,13 +235,12 @@ def _moved(plant: Model, command: ca.SX) -> ca.SX:
 def feed(plant: Model, inputs: Sequence[Signal], force: ca.SX) -> Model:
     """Replace inputs of a plant by the expression `force` (m, 1), in their order.
 
-    Symbols that are new in the force have still to be declared by the caller:
-    as states, parameters or schedules.
+    The caller must declare new symbols of the force as states, parameters or schedules.
     """
     expressions = [plant.ode, plant.alg, *(o.expression for o in plant.outputs)]
     for switch in plant.switches:
         expressions += [switch.guard, switch.reset]
-    # All at once, so that they go on sharing what they share.
+    # All at once, so that they keep common subexpressions.
     ode, alg, *rest = ca.substitute(expressions, [pack(inputs)], [force])
     shown, left = rest[: len(plant.outputs)], rest[len(plant.outputs) :]
     parts = {
@@ -276,15 +275,15 @@ def close(
     schedules: Sequence[Schedule] = (),
     delays: Sequence[Delay] = (),
 ) -> Model:
-    """Put `force` (n, 1) for the plant's input and add the controller's states and parameters.
+    """Insert `force` (n, 1) as the plant's input, and add the controller's states and parameters.
 
-    Plant states come first; the ``reset`` of `switches` is the controller's states alone. The
-    input's name is then that of an output. Where the input has bounds the force is cut to them, and
-    the output ``saturated`` is 1 where the controller asks for more.
+    Plant states come first; the ``reset`` of `switches` contains the controller's states only. The
+    input's name becomes that of an output. If the input has bounds the force is cut to them, and
+    the output ``saturated`` is 1 while it is cut.
     Raises ArgumentError if the plant has no such input of the force's size.
     """
     signal = input_of(plant, force.numel(), input)
-    force, told = saturated(signal, force)
+    force, outputs = saturated(signal, force)
     fed = feed(plant, [signal], force)
     x, own = pack(plant.x), pack(states)
     return replace(
@@ -297,7 +296,7 @@ def close(
             *fed.outputs,
             *error.shown(reference),
             Output(signal.name, force, signal.unit),
-            *told,
+            *outputs,
             *outputs,
         ],
         switches=[
@@ -312,7 +311,7 @@ def close(
 def saturated(signal: Signal, command: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
     """Cut a command to its input's bounds; the output is 1 where it is cut, else 0.
 
-    Without bounds the command stays as it is, and there is no output.
+    Without bounds the command is unchanged, and there is no output.
     """
     kept, beyond = command, ca.SX.zeros(command.numel())
     if signal.lower > -np.inf:
@@ -324,12 +323,11 @@ def saturated(signal: Signal, command: ca.SX) -> tuple[ca.SX, tuple[Output, ...]
 
 
 def check_sign(plant: Model, output: str, input: str) -> None:  # noqa: A002
-    """Refuse an input that accelerates an output the wrong way for a tracker of high gain.
+    """Refuse an input that accelerates an output in the wrong direction for high-gain trackers.
 
     The eigenvalues of the high-frequency gain d(y'')/du must have positive real parts at the
     plant's start. Gains that depend on values the plant does not give are not checked, nor is an
-    input that acts on nothing.
-    Raises ArgumentError as said, or if there is no such input.
+    input without effect. Raises ArgumentError otherwise, or if there is no such input.
     """
     size = plant[output].numel()
     signal = input_of(plant, size, input)

@@ -143,7 +143,7 @@ class _Links:
     def of(
         cls, plant: Model, y: ca.SX, driven: Signal, p: Mapping[str, ArrayLike] | None
     ) -> _Links:
-        """Take them from a plant, by Lie derivatives of its output y; `driven` is its input."""
+        """Extract them from a plant, by Lie derivatives of its output y; `driven` is its input."""
         x, u, n = pack(plant.x), driven.symbol, driven.size
         rate = lie(plant, y)
         acceleration = lie(plant, rate)
@@ -160,9 +160,9 @@ class _Links:
         believed = signal_values(plant.p, p, "parameter")
         found = ca.Function("links", at, wanted)(0, 0, rest, believed, 0, values)
         y0, C, a0, a, gain = (part.full() for part in found)
-        if not np.linalg.cond(gain) < 1 / (n * np.finfo(float).eps):  # infinite too
+        if not np.linalg.cond(gain) < 1 / (n * np.finfo(float).eps):  # also infinite
             raise ArgumentError(f"the inputs of {plant.name} do not accelerate all links at once")
-        # States with these y and y'; of all there are, those nearest to 0.
+        # States of least norm with these y and y'.
         slopes, inertia = a @ np.linalg.pinv(C), np.linalg.inv(gain)
         stiffness, damping = np.hsplit(-inertia @ slopes, 2)
         return cls(inertia, damping, stiffness, -inertia @ (a0 - slopes @ y0))
@@ -177,7 +177,7 @@ class _Links:
         return A, np.vstack([np.zeros((n, n)), gain])
 
     def force(self, reference: Reference, error: TrackingError) -> tuple[ca.SX, tuple[Signal, ...]]:
-        """Force that keeps links on the reference, and the parameters in it."""
+        """Force that keeps links on the reference, and its parameters."""
         M, inertia = _matrix("feedforward_inertia", self.inertia, error.per("mass"))
         D, damping = _matrix("feedforward_damping", self.damping, error.per("drag"))
         S, stiffness = _matrix("feedforward_stiffness", self.stiffness, error.per("stiffness"))
@@ -187,7 +187,7 @@ class _Links:
 
 
 def _matrix(name: str, values: np.ndarray, unit: str) -> tuple[ca.SX, Signal]:
-    """Matrix of symbols and the parameter that gives them values, row by row."""
+    """Matrix of symbols and the parameter with their values, row by row."""
     matrix = ca.SX.sym(name, *values.shape)
     return matrix, Signal(name, ca.vec(matrix.T), unit, value=tuple(values.ravel().tolist()))
 
@@ -218,7 +218,7 @@ def _riccati(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.n
         stable = poles.real.max() < -1e-12 * np.abs(poles).max()
     except np.linalg.LinAlgError:
         K, stable = np.zeros(B.T.shape), False
-    # A mode that costs nothing may pass the solver and stay as it is.
+    # A mode without cost may pass the solver unchanged.
     if not stable:
         raise ArgumentError(
             "no optimal feedback is stable; give error_weight to links without stiffness or damping"

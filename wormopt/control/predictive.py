@@ -1,10 +1,10 @@
-"""Predictive control: an optimal motion to the end of a horizon, found anew at every decision.
+"""Predictive control: an optimal motion over a horizon, recomputed at every decision.
 
 Every decision takes steps of sequential quadratic programming on the arcs of one transcription,
-from where the last decision left the motion: one step is the real-time iteration [1]_, many are
-full convergence. What lies beyond the horizon costs what it costs next to a plan of the whole
-motion, to second order. Where the plan is optimal and the worm does what the model says, decisions
-therefore repeat the plan, however short the horizon.
+starting from the motion of the last decision: one step is the real-time iteration [1]_, many reach
+convergence. The cost beyond the horizon is the second-order expansion about a plan of the whole
+motion. Therefore decisions repeat the plan, however short the horizon, if the plan is optimal and
+the worm follows the model.
 
 .. [1] M. Diehl, H. G. Bock, J. P. Schloeder, "A real-time iteration scheme for nonlinear
    optimization in optimal feedback control", SIAM J. Control Optim. 43 (2005) 1714-1736.
@@ -32,17 +32,17 @@ from wormopt.ocp.quadratic import StageProgram, Tail
 from wormopt.ocp.stages import Given, Linearised, Stages
 from wormopt.ocp.transcription import Transcription
 
-# A plan is found when no scaled variable moves by more, in at most so many steps a level; before
-# the last level it need not be found as exactly.
+# A plan has converged when no scaled variable changes by more, in at most so many steps a level;
+# tolerance before the last level.
 _PLANNED, _NEAR, _MOST_STEPS = 1e-7, 1e-3, 300
 _LEAST_SHARE = 0.05  # of a step
-# Inputs that are so near to a limit, in nominal sizes, are at it.
+# Inputs within this distance of a limit, in nominal sizes, are at it.
 _AT_LIMIT = 1e-5
 
 
 @dataclass(frozen=True)
 class MpcOptions:
-    """How decisions are made.
+    """Options of predictive control.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class MpcOptions:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A motion arc by arc, as the nonlinear program has it, scaled."""
+    """A motion arc by arc, as in the nonlinear program, scaled."""
 
     rows: np.ndarray  # (N, n_y) variables of the arcs
     end: np.ndarray  # (n_x,) state at the end of the last
@@ -83,7 +83,7 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class MpcPlan:
-    """The optimal motion over the whole time, and what departing from it costs."""
+    """The optimal motion over the whole time, and the cost of deviations."""
 
     stages: Stages
     given: Given
@@ -123,7 +123,7 @@ class MpcPlan:
 
     @cached_property
     def motion(self) -> Motion:
-        """The motion as an optimisation gives it."""
+        """The motion as the result of an optimisation."""
         program = self.stages.program
         arcs = program.unpack(self.course.rows.ravel())
         return Motion.of(program, program.pack(arcs, self.bounds), self.bounds)
@@ -220,7 +220,7 @@ def plan_mpc(
 
 
 def _damped(share: float, size: float, before: float) -> float:
-    """Share of the next step: those that do not shrink go to and fro across a steep law."""
+    """Share of the next step: reduced if steps do not shrink but oscillate across a steep law."""
     return max(share / 2, _LEAST_SHARE) if size > before else min(1.3 * share, 1.0)
 
 
@@ -229,7 +229,7 @@ class Step:
     """One step of sequential quadratic programming."""
 
     size: float  # largest change of a scaled variable
-    cost: float  # of the motion before
+    cost: float  # of the motion before the step
     violation: float  # of its equations, scaled
     solved: bool  # whether the quadratic program was
 
@@ -243,9 +243,9 @@ def improved(
     tail: Tail,
     share: float = 1.0,
 ) -> tuple[Course, Step]:
-    """Take a step, or a share of it, of a motion that shall start at `first` (n_x,).
+    """Take a step, or a share of it, for a motion that starts at `first` (n_x,).
 
-    None where it is not solved. `tail` is the cost of the end as a function of its change.
+    None if it is not solved. `tail` is the cost of the end as a function of its change.
     """
     rows = course.rows
     arcs = stages.linearise(rows, given)
@@ -267,7 +267,7 @@ def improved(
 
 
 def _tail(beyond: CostToGo, node: int, off: np.ndarray) -> Tail:
-    """Cost beyond a node as a function of its state's change, `off` (n_x,) from the plan."""
+    """Cost beyond a node as a function of the change of its state, `off` (n_x,) from the plan."""
     P = beyond.hessian[node]
     return Tail(beyond.gradient[node] + P @ off, P)
 
@@ -278,7 +278,7 @@ def _inside(arcs: Linearised, v: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What was decided at one node, and how."""
+    """Decision at one node."""
 
     input: np.ndarray  # (n_u,) until the next node, in the model's units
     steps: int
@@ -287,12 +287,12 @@ class Decision:
 
 
 def clock() -> np.ndarray:
-    """Wall-clock time and time of the processor in this thread, in s."""
+    """Wall-clock time and processor time of this thread, in s."""
     return np.array([time.perf_counter(), time.thread_time()])
 
 
 class PredictiveController:
-    """Decides at the nodes of a plan, one after the other, what the input is until the next."""
+    """Determines the input at the nodes of a plan, one after the other, until the next node."""
 
     def __init__(self, plan: MpcPlan, decisions: MpcOptions) -> None:
         self.plan, self.decisions = plan, decisions
@@ -306,11 +306,11 @@ class PredictiveController:
             stages.linearise(plan.course.rows[:size], plan.given.part(slice(size)))
 
     def believe(self, p: np.ndarray) -> None:
-        """Take other parameters (n_p,) of the model from now on."""
+        """Use other parameters (n_p,) of the model from now on."""
         self.given = replace(self.given, p=p)
 
     def decide(self, k: int, state: np.ndarray) -> Decision:
-        """Decide at node k, where the state is (n_x,); ArgumentError if that is no state."""
+        """Decide at node k in `state` (n_x,); ArgumentError if that is no state."""
         if np.shape(state) != (self.plan.stages.n_x,) or not np.all(np.isfinite(state)):
             raise ArgumentError(f"a state has {self.plan.stages.n_x} finite numbers, not {state}")
         begin = clock()
@@ -344,5 +344,5 @@ class PredictiveController:
 
 
 def parameters(plan: MpcPlan, p: Mapping[str, ArrayLike] | None) -> np.ndarray:
-    """Parameters (n_p,) of a plan's model by name, where they are not its own."""
+    """Parameters (n_p,) of a plan's model, with those given by name."""
     return signal_values(plan.stages.program.problem.parameters, p, "parameter")

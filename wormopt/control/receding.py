@@ -1,4 +1,4 @@
-"""A worm under predictive control: simulated from decision to decision."""
+"""Simulation of a worm under predictive control."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from wormopt.simulation.simulate import simulate
 
 @dataclass(frozen=True, eq=False)
 class MpcRun:
-    """What a predictive controller did."""
+    """Result of a predictive controller."""
 
     times: np.ndarray  # (N + 1,) of decisions, and the end
-    states: np.ndarray  # (n_x, N + 1) of the worm then
+    states: np.ndarray  # (n_x, N + 1) of the worm at these times
     decisions: tuple[Decision, ...]
     clocks: np.ndarray  # (2, N) as in `Decision`, estimation included
-    parameters: np.ndarray  # (n_p, N) as they are believed at each decision
-    saturated: np.ndarray  # (N,) share of the inputs that each decision puts at a bound
+    parameters: np.ndarray  # (n_p, N) as estimated at each decision
+    saturated: np.ndarray  # (N,) share of the inputs at a bound for each decision
 
     @property
     def seconds(self) -> np.ndarray:
@@ -42,18 +42,18 @@ class MpcRun:
 
     @property
     def processor(self) -> np.ndarray:
-        """Time of the processor of each decision, (N,)."""
+        """Processor time of each decision, (N,)."""
         return self.clocks[1]
 
     @property
     def inputs(self) -> Gait:
-        """Inputs as a course of time."""
+        """Inputs over time."""
         values = np.array([each.input for each in self.decisions])
         return Gait(self.times, values[:, :, None])
 
     @property
     def unsolved(self) -> int:
-        """Decisions whose quadratic program was not solved, so that the last motion went on."""
+        """Decisions whose quadratic program was not solved, so that the last motion continued."""
         return sum(not np.isfinite(each.size) for each in self.decisions)
 
 
@@ -90,7 +90,7 @@ def run_mpc(
     tolerance : Tolerance
         Of the simulation.
     report : callable
-        Is told how far it is.
+        Gets the progress.
 
     Returns
     -------

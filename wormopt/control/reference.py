@@ -14,7 +14,7 @@ from wormopt.model.schedule import Schedule
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What outputs shall do, as expressions of time.
+    """Reference of outputs, as expressions of time.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def gait_reference(
     periodic: bool = True,
     name: str = "reference",
 ) -> Reference:
-    """Make the reference of which the value at time t is the gait's at t + shift.
+    """Make the reference whose value at time t is that of the gait at t + shift.
 
     Parameters
     ----------
@@ -115,8 +115,8 @@ def gait_reference(
 
 
 def _with_held_ends(gait: Gait) -> Gait:
-    """The gait between two pieces, as long as it, that hold its first and its last value."""
-    # A polynomial continued beyond its piece would run away.
+    """The gait between two pieces of its length that hold its first and its last value."""
+    # A polynomial continued beyond its piece would grow.
     last = gait.period - gait.breaks[-2:-1]
     first, end = np.zeros((2, 1, *gait.polynomial.shape[1:]))
     first[0, :, :1], end[0, :, :1] = gait.on_piece(0, np.zeros(1)), gait.on_piece(-1, last)

@@ -1,4 +1,4 @@
-"""Controllers that see a plant through sensors: with noise, and late."""
+"""Controllers that see a plant through sensors with noise and delay."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import TINY, Model, Output, Signal, Switch, lie, pack
 
 NOISE = "noise"
-"""Name of the schedule of what sensors add."""
+"""Name of the schedule with the values that sensors add."""
 
 _TRUE = ("reference", "error", "error_norm")
 
 
 @dataclass(frozen=True, eq=False)
 class Sensors:
-    """How a controller sees the output y of a plant: y(t - delay) + noise(t), and its rate.
+    """Output y of a plant as a controller sees it: y(t - delay) + noise(t), and its rate.
 
-    The rate is that of what is seen, y'(t - delay) + noise'(t). Before time 0 the output was what
-    it is then. Raises ArgumentError if the delay is negative or not finite.
+    The rate is that of the signal seen, y'(t - delay) + noise'(t). Before time 0 the output is
+    that at time 0. Raises ArgumentError if the delay is negative or not finite.
     """
 
     noise: Gait | None = None  # a row for each entry of y; held at its ends
@@ -62,12 +62,12 @@ def through_sensors(
 ) -> Model:
     """Let the controller of a closed loop see the plant's output through sensors.
 
-    `loop` is a loop closed around `plant`, whose states come first. The controller's force, the
-    rates of its states and its switches are made of what is seen in place of the plant's states;
-    ``error`` and ``error_norm`` stay those of the plant. Adds the output ``seen`` (y and y'), with
+    `loop` is a loop closed around `plant`, whose states come first. The controller's force, rates
+    and switches use the signal seen instead of the plant's states; ``error`` and ``error_norm``
+    remain those of the plant. Adds the output ``seen`` (y and y'), with
     a delay the parameter ``measurement_delay``, with noise the schedule ``noise``.
     Raises ArgumentError if the output is not linear in the states with constant coefficients, if
-    noise has not a row for each entry, or if what is late is remembered once more.
+    noise lacks a row for each entry, or if the loop has delays of the delayed signal.
     """
     x, n = pack(plant.x), plant.n_x
     y = plant[output]
@@ -79,7 +79,7 @@ def through_sensors(
     believed = _states_of(plant, own) @ seen
     memories = loop.delays[len(plant.delays) :]
     if late and memories:
-        raise ArgumentError(f"{loop.name} remembers what it sees; leave the delay of sensors out")
+        raise ArgumentError(f"{loop.name} has delays already; leave the delay of sensors out")
 
     def put(expression: ca.SX) -> ca.SX:
         return ca.substitute(expression, x, believed)
@@ -119,7 +119,7 @@ def through_sensors(
 
 
 def _late(own: ca.SX, sensors: Sensors) -> tuple[ca.SX, list[tuple[Delay, Signal]]]:
-    """What sensors show without noise, and what that adds to a model."""
+    """Outputs of sensors without noise, and the additions to a model."""
     if not sensors.delay:
         return own, []
     past, lag = ca.SX.sym("past_output", own.numel()), ca.SX.sym("measurement_delay")
@@ -136,7 +136,7 @@ def _noise(plant: Model, sensors: Sensors, entries: int) -> Reference | None:
 
 
 def _states_of(plant: Model, own: ca.SX) -> ca.DM:
-    """Matrix that makes states with these y and y'; of all there are, those nearest to 0."""
+    """Matrix from y and y' to the states of least norm that have them."""
     x = pack(plant.x)
     slopes = ca.jacobian(own, x)
     offset = ca.simplify(own - slopes @ x)
@@ -146,6 +146,6 @@ def _states_of(plant: Model, own: ca.SX) -> ca.DM:
 
 
 def _seen_switch(switch: Switch, put: Callable[[ca.SX], ca.SX], n: int) -> Switch:
-    """A controller's switch, which has a name of its own: it fires by what is seen."""
+    """A controller's switch under another name: its guard uses the signal seen."""
     reset = ca.vertcat(switch.reset[:n], put(switch.reset[n:]))
     return replace(switch, name=f"{switch.name}, as seen", guard=put(switch.guard), reset=reset)

@@ -1,4 +1,4 @@
-"""Tracking by a gain that is constant but for jumps: each trial has its time and its bound."""
+"""Tracking by a piecewise constant gain: each trial has its time and its bound."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def switching_tracker(
     output: str = "length",
     input: str = "input",  # noqa: A002
 ) -> Model:
-    """Close the loop by a linear compensator of which the gain jumps up until it is high enough.
+    """Close the loop by a linear compensator whose gain jumps up until it is high enough.
 
     In the manner of Miller and Davison (IEEE Trans. Autom. Control 36(1), 68-81, 1991): error
     within the tube after a time, and overshoot, both prescribed and as small as one likes, for
@@ -161,7 +161,7 @@ def _trials(
     bound, end, time, margin = own = [ca.SX.sym(name) for name in names]
     shrunk = 1 / ca.sqrt(factor)
     size = ca.fmax(ca.sqrt(error.square), lam)
-    # the bound that was left counts, not the error a rounding error beyond it
+    # the bound that was left, not the error a rounding error beyond it
     again = ca.vertcat(size + shrunk * margin, t + shrunk * time, shrunk * time, shrunk * margin)
     states = [Signal("gain", k), Signal("filter", theta, error.unit)]
     states += [Signal(n, s, u) for n, s, u in zip(names, own, units, strict=True)]

@@ -1,9 +1,9 @@
-"""How large the error of a loop with a frozen gain is, and the least gain for a wanted tube.
+"""Error of a loop with frozen gain, and the least gain for a given tube.
 
-The worm's dry friction counts as an outside force f of which only its range is known. Then the
-plant is linear, and after long time e = S (H f - r) with r the reference less the rest lengths:
+Dry friction is an external force f of which only the range is known. Then the plant is linear, and
+the steady-state error is e = S (H f - r), with r the reference minus the rest lengths: computed
 harmonic by harmonic for r and the mean of f, and by the peak-to-peak gains (integrals of absolute
-impulse responses) for whatever f does about its mean.
+impulse responses) for any deviation of f from its mean.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from scipy.optimize import brentq
 from wormopt.control.frozen import Complex, FrozenLoop, Plant
 from wormopt.errors import ArgumentError
 
-_INSTANTS = 20_000  # at which impulse responses are evaluated, evenly in the logarithm of time
+_INSTANTS = 20_000  # number of times of impulse responses, even in the logarithm of time
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a loop has to follow and to withstand.
+    """Reference and disturbance of a loop.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Task:
         return self.plant.response(self.omega)
 
     def course(self, loop: FrozenLoop, *, pushed: bool) -> np.ndarray:
-        """Error in the course of a period, shape (m, N); `pushed`: under the mean forces too."""
+        """Error over a period, shape (m, N); `pushed`: also under the mean forces."""
         acting = self.load + self.force if pushed else self.load
         still = -np.linalg.solve(self.plant.A, self.plant.F @ acting)
         harmonics = -self.harmonics
@@ -78,13 +78,13 @@ class Task:
         return np.fft.irfft(error.T, self.reference.shape[1], axis=1)
 
     def error(self, loop: FrozenLoop) -> float:
-        """Largest error after long time without dry friction, inf if the loop is unstable."""
+        """Largest steady-state error without dry friction, inf if the loop is unstable."""
         if not loop.stable:
             return np.inf
         return float(np.linalg.norm(self.course(loop, pushed=False), axis=0).max())
 
     def bound(self, loop: FrozenLoop) -> float:
-        """Upper bound of the error after long time, whatever dry friction does in its range."""
+        """Upper bound of the steady-state error for any dry friction in its range."""
         if not loop.stable or not np.all(np.isfinite(self.range)):
             return np.inf
         spread = peak_gains(loop) @ self.range
@@ -93,7 +93,7 @@ class Task:
 
 
 def peak_gains(loop: FrozenLoop) -> np.ndarray:
-    """Integrals over time of |impulse response| from outside forces to errors, shape (m, n + 1)."""
+    """Integrals over time of |impulse response| from forces to errors, shape (m, n + 1)."""
     times, responses = _impulse(loop)
     return np.trapezoid(np.abs(responses), times, axis=0)
 
@@ -106,7 +106,7 @@ def static_gains(loop: FrozenLoop) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ends(loop: FrozenLoop) -> tuple[np.ndarray, np.ndarray]:
-    """Where forces enter the closed loop, and where the errors show."""
+    """Inputs of forces and outputs of errors of the closed loop."""
     more, plant = len(loop.closed) - len(loop.plant.A), loop.plant
     force = np.vstack([plant.F, np.zeros((more, plant.F.shape[1]))])
     return force, np.hstack([plant.C, np.zeros((len(plant.C), more))])
@@ -127,7 +127,7 @@ def _impulse(loop: FrozenLoop) -> tuple[np.ndarray, np.ndarray]:
 def least_gain(size: Callable[[float], float], gains: np.ndarray, wanted: float) -> float | None:
     """Least gain from which on, within the range of `gains`, sizes are at most `wanted`.
 
-    `gains` ascend. The least of them if all will do, None if the largest does not.
+    `gains` ascend. Returns the least gain if all satisfy it, None if the largest does not.
     """
     sizes = np.array([size(gain) for gain in gains])
     above = np.flatnonzero(~(sizes <= wanted))

@@ -1,4 +1,4 @@
-"""What was found, for other tools: CSV, MATLAB, C, ROS, FMI; one module for each format.
+"""Export of results to other tools: CSV, MATLAB, C, ROS, FMI; one module for each format.
 
-A format makes the contents of its files, by their names; `files.py` puts them in their place.
+A format makes the contents of its files, by name; `files.py` chooses folders and names.
 """

@@ -1,4 +1,4 @@
-"""What every exported file says of where it comes from; and the gait of a result."""
+"""Remarks on the origin of exported files; and the gait of a result."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from wormopt.systems.spiked.files import gait_of_result
 from wormopt.systems.spiked.verify import in_steps
 from wormopt.version import VERSION
 
-# So much of a step is no step; so few steps make no cycle.
+# Negligible share of a step; fewest steps of a cycle.
 _NO_STEP, _FEWEST_STEPS = Fraction(1, 10**6), 3
 _MADE_BY = f"{MARK}, version {VERSION}"
 
 
 def remarks(result: Result) -> list[str]:
-    """Lines, each plain text, on what a result is and whether it failed or is unchecked."""
+    """Lines of plain text about a result, and whether it failed or is unchecked."""
     titled = f": {result.title}" if result.title and result.title != result.scene else ""
     lines = [
         f"{result.scene}{titled} (kind {result.kind or 'unknown'})",
@@ -55,18 +55,18 @@ def whole_steps(period: float, step: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Lengths of links over time, to be exported, and what is said of them."""
+    """Lengths of links over time for export, with remarks."""
 
     gait: Gait
     remarks: tuple[str, ...] = (_MADE_BY,)
     time_unit: str = "s"
     length_unit: str = "m"
-    length_step: float | None = None  # tables hold its multiples, within
+    length_step: float | None = None  # tables contain multiples of it, within
     ranges: Sequence[Sequence[float]] = ()
 
     @classmethod
     def of(cls, result: Result) -> Course:
-        """Take the gait out of a result; raises ArgumentError if there is none of links."""
+        """The gait of a result; raises ArgumentError if there is none of links."""
         if "gait_polynomial" not in result or result["gait_polynomial"].dims[1] != "link":
             held = "gait, gait-design, gait-pareto, stepper, track, track-optimal or pair-waveform"
             raise ArgumentError(
@@ -86,13 +86,13 @@ class Course:
         )
 
     def rounded(self, lengths: np.ndarray) -> np.ndarray:
-        """Lengths (n, m) of a table, in whole steps where there are such."""
+        """Lengths (n, m) of a table, in whole steps if there are such."""
         step = self.length_step
         return lengths if step is None else in_steps(lengths, step, self.ranges)
 
     @property
     def rounding(self) -> tuple[str, ...]:
-        """What a table of lengths says of their steps."""
+        """Remark on the steps of lengths in a table."""
         if self.length_step is None:
             return ()
         step = f"{self.length_step!r} {self.length_unit}".removesuffix(" 1")
@@ -108,12 +108,12 @@ class Course:
             return self
         unit = "" if self.time_unit == "1" else f" {self.time_unit}"
         before = f"{self.gait.period!r}{unit}"
-        said = f"cycle of {cycle!r}{unit}, a multiple of the step, instead of {before}"
-        return replace(self, gait=self.gait.with_period(cycle), remarks=(*self.remarks, said))
+        remark = f"cycle of {cycle!r}{unit}, a multiple of the step, instead of {before}"
+        return replace(self, gait=self.gait.with_period(cycle), remarks=(*self.remarks, remark))
 
     @property
     def units(self) -> tuple[str, str, str, str]:
-        """Units of time, length, rate and acceleration, "1" where the scene has none."""
+        """Units of time, length, rate and acceleration, "1" if the scene has none."""
         if self.time_unit == "1":
             return "1", "1", "1", "1"
         length, time = self.length_unit, self.time_unit

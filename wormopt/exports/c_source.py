@@ -28,22 +28,21 @@ def make(course: Course, stem: str) -> dict[str, bytes]:
 
 
 def _comment(lines: Iterable[str]) -> str:
-    """Comment out of text that may hold anything."""
     kept = (line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?") for line in lines)
     return "/* " + "\n * ".join(kept) + "\n */\n"
 
 
 def _header(course: Course, name: str) -> str:
     time, length, rate, acceleration = course.units
-    said = _comment(
+    comment = _comment(
         [
-            "Lengths of the links of a worm, over and over again.",
+            "Link lengths of a worm, repeated periodically.",
             *course.remarks,
             f"Units: time {time}, length {length}, rate {rate}, acceleration {acceleration}; "
             "1 means none.",
         ]
     )
-    return f"""{said}
+    return f"""{comment}
 #ifndef {name.upper()}_H
 #define {name.upper()}_H
 
@@ -53,7 +52,8 @@ extern "C" {{
 
 enum {{ {name}_links = {course.gait.links} }};
 
-/* All repeats after it; the period of a designed gait may hold several cycles. */
+/* Duration of a cycle, after which the lengths repeat; the period of a designed gait may hold
+ * several cycles. */
 extern const double {name}_cycle;
 
 /* Lengths of links 0, 1, ... at the time t, which may be any, before 0 too; their rates and
@@ -149,9 +149,9 @@ def _replay(course: Course, name: str, header: str) -> str:
     spread = np.linspace(-2.3, 3.7, 41) * period
     at = np.concatenate([gait.breaks[:-1], middle, spread])
     rows = np.concatenate([gait(at), gait(at, 1), gait(at, 2)]).T
-    # what rounding of the time alone may change
+    # effect of the rounding of the time
     size = [float(np.abs(part).max()) or 1.0 for part in np.split(rows, 3, axis=1)]
-    said = _comment(
+    comment = _comment(
         [
             "Compares the tables with samples of the same gait. Compile it with the source beside "
             "it and -lm;",
@@ -159,7 +159,7 @@ def _replay(course: Course, name: str, header: str) -> str:
             *course.remarks,
         ]
     )
-    return f"""{said}
+    return f"""{comment}
 #include "{header}"
 
 #include <math.h>

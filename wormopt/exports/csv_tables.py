@@ -1,4 +1,4 @@
-"""CSV: signals over time, one row for each instant; everything else over its own dimensions."""
+"""CSV tables: signals over time, one row for each instant; others over their dimensions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from wormopt.quantities import Variable
 from wormopt.result import Result
 from wormopt.systems.spiked.files import gait_of_result
 
-# Dimensions that are time, and signals that may be a gait's own, with the order of derivative.
+# Dimensions of time, and signals that may be those of a gait, with the order of derivative.
 _AXES = ("time", "instant")
 _OF_GAIT = {"length": 0, "reference": 0, "rate": 1, "acceleration": 2}
 _SAME = 1e-9
@@ -32,12 +32,12 @@ def make(
     *,
     whole_steps: bool = False,
 ) -> dict[str, bytes]:
-    """Tables of a result: ``STEM.csv`` over time, ``STEM_point.csv`` and the like over the rest.
+    """Tables of a result: ``STEM.csv`` over time, ``STEM_point.csv`` and so on over the rest.
 
-    A result without time that has one table alone has it in ``STEM.csv``; a sweep has a row for
-    each point. With `columns`, signals of these names only; with `whole_steps`, one closed cycle of
-    the gait, slowed down to whole steps. Raises ArgumentError if there is nothing to write, there
-    are no such columns, or a step is given and no time.
+    A single table without time is ``STEM.csv``; a sweep has a row for each point. With `columns`,
+    only signals of these names; with `whole_steps`, one closed cycle of the gait, slowed down to
+    whole steps. Raises ArgumentError if there is nothing to write, there are no such columns, or
+    a step is given without time.
     """
     if whole_steps and step is not None:
         about, found = _cycle(result, step)
@@ -47,7 +47,7 @@ def make(
     if result.kind == "sweep" and step is None and not columns:
         from wormopt.sweeps.gathered import as_csv
 
-        return {f"{stem}.csv": (_said(head) + as_csv(result)).encode()}
+        return {f"{stem}.csv": (_comments(head) + as_csv(result)).encode()}
     own = [v.name for v in result.variables if v.dims == (v.name,)]
     axis = next((a for a in _AXES if a in own), None)
     tables: dict[str, list[Variable]] = {}
@@ -60,15 +60,15 @@ def make(
     if step is not None and axis is None:
         raise ArgumentError(f"{result.scene}: the result has no time; leave the step out")
     made: dict[str, list[Column]] = {}
-    said: dict[str, list[str]] = {}
+    notes: dict[str, list[str]] = {}
     for over, variables in tables.items():
         name = stem if over == axis or len(tables) == 1 else f"{stem}_{over}"
         if axis is not None and over == axis:
-            said[name], made[name] = _over_time(result, axis, variables, step)
+            notes[name], made[name] = _over_time(result, axis, variables, step)
         else:
             made[name] = list(_long(result, variables))
     return {
-        f"{name}.csv": _text([*head, *_kept(said.get(name, []), found)], found)
+        f"{name}.csv": _text([*head, *_kept(notes.get(name, []), found)], found)
         for name, found in _chosen(made, columns).items()
     }
 
@@ -88,7 +88,7 @@ def _chosen(tables: dict[str, list[Column]], names: Sequence[str]) -> dict[str, 
         table: [c for c in found if any(_is_of(c[0], name) for name in names)]
         for table, found in tables.items()
     }
-    return {  # the first column is time, or the place
+    return {  # the first column is time, or the index
         table: [*found[:1], *(c for c in chosen[table] if c is not found[0])]
         for table, found in tables.items()
         if chosen[table]
@@ -99,12 +99,12 @@ def _is_of(column: str, name: str) -> bool:
     return column == name or re.fullmatch(re.escape(name) + r"(_\d+)+", column) is not None
 
 
-def _kept(said: list[str], columns: Sequence[Column]) -> list[str]:
-    """Remarks on a table; that by which a gait is read back needs the gait's columns."""
+def _kept(remarks: list[str], columns: Sequence[Column]) -> list[str]:
+    """Remarks on a table; that for reading back a gait requires the gait's columns."""
     names = [name for name, _, _ in columns]
     return [
         line
-        for line in said
+        for line in remarks
         if not (signal := signal_of(line)) or any(_is_of(name, signal) for name in names)
     ]
 
@@ -126,13 +126,13 @@ def _cycle(result: Result, step: float) -> tuple[list[str], list[Column]]:
     ], columns
 
 
-def _said(lines: Sequence[str]) -> str:
+def _comments(lines: Sequence[str]) -> str:
     return "".join(f"# {line}\n" for line in lines)
 
 
-def _text(said: Sequence[str], columns: Sequence[Column]) -> bytes:
+def _text(remarks: Sequence[str], columns: Sequence[Column]) -> bytes:
     stream = io.StringIO()
-    stream.write(_said(said))
+    stream.write(_comments(remarks))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([f"{name} [{unit}]" for name, unit, _ in columns])
     writer.writerows(zip(*([repr(v) for v in c.tolist()] for _, _, c in columns), strict=True))
@@ -163,16 +163,16 @@ def _over_time(
     back = []
     if exact:
         cycle = next(iter(exact.values())).period
-        if own[0] == 0 and own[-1] >= cycle * (1 - _SAME):  # a table of all of it
+        if own[0] == 0 and own[-1] >= cycle * (1 - _SAME):  # a table of the whole gait
             back = [remark_of_gait(next(iter(exact)), cycle, result[axis].unit)]
     if step is None:
         return back, columns
     every = f"{step!r} {result[axis].unit}".removesuffix(" 1")
-    said = f"every {every}, between samples linearly, whole numbers as they were before"
+    remark = f"every {every}, between samples linearly, whole numbers as they were before"
     if exact:
-        said += f"; by the gait's own formulas: {', '.join(exact)}"
+        remark += f"; by the gait's own formulas: {', '.join(exact)}"
         back = [*Course.of(result).rounding, *back]
-    return [said, *back], columns
+    return [remark, *back], columns
 
 
 def _between(at: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -185,7 +185,7 @@ def _between(at: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _of_gait(result: Result, axis: str) -> dict[str, Gait]:
-    """The gait, by the names of those signals that are its lengths, rates and accelerations."""
+    """The gait, and the names of signals that are its lengths, rates and accelerations."""
     if "gait_polynomial" not in result:
         return {}
     gait, t = gait_of_result(result), result[axis].values
@@ -205,7 +205,7 @@ def _of_gait(result: Result, axis: str) -> dict[str, Gait]:
 
 
 def _long(result: Result, variables: Sequence[Variable]) -> Iterator[Column]:
-    """One row for each entry: its place, by coordinate or number, then the variables there."""
+    """One row for each entry: its position, by coordinate or index, then the variables there."""
     dims, shape = variables[0].dims, variables[0].values.shape
     for place, dim in zip(np.indices(shape), dims, strict=True):
         known = dim in result and result[dim].dims == (dim,)

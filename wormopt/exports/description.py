@@ -1,4 +1,4 @@
-"""The descriptions in an FMU, as CasADi writes them, made whole: units defined, no clutter."""
+"""Completes the descriptions in an FMU from CasADi: adds units, removes unused parts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wormopt.version import VERSION
 def mend_description(path: Path, name: str, text: str, timed: bool) -> None:
     """Complete ``modelDescription.xml``.
 
-    `name` and `text` are the model's, `timed` says whether it depends on time itself.
+    `name` and `text` are the model's, `timed`: whether it depends on time itself.
     """
     root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
     root.set("modelName", name)
@@ -41,7 +41,7 @@ def mend_description(path: Path, name: str, text: str, timed: bool) -> None:
 
 
 def only_sources(path: Path) -> None:
-    """Take headers out of ``buildDescription.xml``: they are no units to compile."""
+    """Remove headers from ``buildDescription.xml``: they are no compilation units."""
     root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
     for files in root.iter("SourceFileSet"):
         for file in [*files]:
@@ -55,7 +55,7 @@ def _unit(name: str) -> ElementTree.Element:
     try:
         factor, powers = parsed(name)
     except ValueError:
-        return found  # a user's own: a name is all that is known
+        return found  # a user's unit: only its name is known
     attributes = {base: str(power) for base, power in powers.items()}
     if factor != 1:
         attributes["factor"] = repr(float(factor))

@@ -1,4 +1,4 @@
-"""The verb `export`: what was found, written for other tools."""
+"""The verb `export`: writes results for other tools."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def export(
 
 @dataclass(frozen=True)
 class _Asked:
-    """How formats are written."""
+    """Options of formats."""
 
     step: float | None
     cycles: int
@@ -118,7 +118,7 @@ class _Asked:
 
 
 def _number(step: str, what: object) -> float:
-    """A time as it was typed, in the units of a result."""
+    """A time as typed, in the units of a result."""
     units = json.loads(getattr(what, "scene_text", "") or "{}").get("units", "dimensionless")
     try:
         return to_number(step, "time", units) if has_unit(step) else float(step)
@@ -128,7 +128,7 @@ def _number(step: str, what: object) -> float:
 
 
 def _made(what: Result | Gait | Model, into: str, stem: str, asked: _Asked) -> dict[str, bytes]:
-    """Contents of the files of one format; each loads what it needs."""
+    """Contents of the files of one format; each imports only its own needs."""
     from wormopt.model.gait import Gait
     from wormopt.result import Result
 

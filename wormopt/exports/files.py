@@ -1,4 +1,4 @@
-"""Where exported files go, and what they are called."""
+"""Folders and names of exported files."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from wormopt.errors import OutputError
 
 
 def target(output: str | Path | None, name: str, suffixes: Sequence[str]) -> tuple[Path, str]:
-    """Folder to write to, and the name, without suffix, that files there begin with.
+    """Folder to write to, and the stem of the names of files.
 
-    `name` is used where `output` names a folder only; `suffixes` are those of the formats asked
+    `name` is used if `output` is only a folder; `suffixes` are those of the requested formats.
     for. Raises OutputError if `output` has another one.
     """
     if output is None:
@@ -27,11 +27,11 @@ def target(output: str | Path | None, name: str, suffixes: Sequence[str]) -> tup
 
 
 def identifier(name: str) -> str:
-    """Name as C and FMI allow it: ASCII letters, digits and _, a letter first."""
+    """Name valid in C and FMI: ASCII letters, digits and _, a letter first."""
     found = re.sub(r"[\W_]+", "_", name, flags=re.ASCII).strip("_")
     return found if re.match("[A-Za-z]", found) else f"gait_{found}".rstrip("_")
 
 
 def _plain(name: str) -> str:
-    """Part of a file name, whatever a result is called."""
+    """Part of a file name, for any name of a result."""
     return re.sub(r"[^\w.-]+", "_", name).strip("._") or "result"

@@ -1,6 +1,5 @@
-/* Types of FMI 3.0 by which the sources of an FMU are compiled here. Whoever compiles them again
- * does so with the headers of the standard, https://fmi-standard.org.
- */
+/* Types of FMI 3.0 for compiling the sources of an FMU here. Use the headers of the standard,
+      https://fmi-standard.org, to compile the sources elsewhere. */
 #ifndef fmi3Functions_h
 #define fmi3Functions_h
 

@@ -1,9 +1,9 @@
 """FMI 3.0: a Model as an FMU for model exchange, its contacts smooth, by CasADi's own export.
 
-CasADi 3.8 writes code and description of the model. What is mended: its wrapper does not look
-again when time alone is set, takes time for 0 in derivatives, and every state's usual size for 1;
-the description lacks units and dependence on time. `tests/exports/test_exported_programs.py` looks
-at each.
+CasADi 3.8 writes code and description of the model. Corrections: its wrapper does not evaluate
+again when only time is set, uses time 0 in derivatives, and 1 for the nominal size of every state;
+the description lacks units and dependence on time. `tests/exports/test_exported_programs.py`
+checks each.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from wormopt.model.values import signal_values
 from wormopt.quantities import UNITS, unit_of
 from wormopt.result import Result
 from wormopt.shown import one_line
-from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, said
+from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, error_output
 from wormopt.simulation.options import Smooth
 from wormopt.study.scene import scene_of_text
 
 _HEADER = "fmi3Functions.h"
-# Line of CasADi's wrapper, what it must be.
+# Lines of CasADi's wrapper, and their corrections.
 _MENDED = (
     ("m->t = time;", "m->t = m->v[0] = time;\n  m->up_to_date = 0;"),
     ("m->t = startTime;", "m->t = m->v[0] = startTime;\n  m->up_to_date = 0;"),
@@ -54,18 +54,18 @@ _MACHINES = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A Model to be exported, and what its author knows of it."""
+    """A Model to be exported, with remarks."""
 
     model: Model
     v_reg: float = 1 / 40
-    units: str = "SI"  # or "dimensionless": what quantities are measured in
+    units: str = "SI"  # or "dimensionless": units of quantities
     remarks: tuple[str, ...] = ()
 
 
 def make(plants: Sequence[Plant], stem: str) -> dict[str, bytes]:
-    """``STEM.fmu``, or ``STEM_0.fmu`` and so on where there are several models.
+    """``STEM.fmu``, or ``STEM_0.fmu`` and so on for several models.
 
-    Raises ArgumentError if a model has algebraic variables, walls or switches that move its
+    Raises ArgumentError if a model has algebraic variables, walls or switches that change its
     states, or there is no C compiler or no CasADi that exports FMUs.
     """
     stems = [stem] if len(plants) == 1 else [f"{stem}_{k}" for k in range(len(plants))]
@@ -73,10 +73,10 @@ def make(plants: Sequence[Plant], stem: str) -> dict[str, bytes]:
 
 
 def _archive(plant: Plant, stem: str) -> bytes:
-    name = f"{identifier(stem)}_model"  # no function of C is called so
+    name = f"{identifier(stem)}_model"  # no C function has this name
     _refuse(plant.model)
     dae = _builder(plant, name)
-    with tempfile.TemporaryDirectory() as folder, chdir(folder):  # where CasADi writes to
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):  # CasADi writes here
         files = dae.export_fmu({"no_warning": True, "with_serialization": False})
         wrapper = Path(f"{name}_wrap.c")
         text = wrapper.read_text(encoding="utf-8")
@@ -98,7 +98,7 @@ def _archive(plant: Plant, stem: str) -> bytes:
 def _refuse(model: Model) -> None:
     model.refuse_delays("an FMU here")
     x = ca.vertcat(*(signal.symbol for signal in model.x))
-    for switch in model.switches:  # those that only tell when something happens may go
+    for switch in model.switches:  # switches that only report events may be dropped
         if switch.terminal or not ca.is_equal(ca.densify(switch.reset), x, 2):
             raise ArgumentError(
                 f"{model.name}: {switch.name!r} moves or ends the motion, and an FMU here has no "
@@ -109,18 +109,18 @@ def _refuse(model: Model) -> None:
 
 
 def _nominals(model: Model) -> tuple[str, str]:
-    """Line of the wrapper, and what it must be: it knows the usual size of every state then."""
+    """Correction of the wrapper that adds the nominal size of every state."""
     line = "#include <fmi3Functions.h>\n"
     sizes = [repr(float(s.nominal)) for s in model.x for _ in range(s.size)]
     return line, f"{line}static const double nominal[] = {{{', '.join(sizes)}}};\n"
 
 
 def _timed(plant: Plant) -> bool:
-    """Whether time itself moves the model."""
+    """Whether the model depends on time itself."""
     model = plant.model
     outputs = (ca.vec(o.expression) for o in model.outputs)
-    said = ca.vertcat(model.ode, model.contact_velocities, *outputs)
-    return len(model.schedules) > 0 or bool(ca.depends_on(said, model.t))
+    expressions = ca.vertcat(model.ode, model.contact_velocities, *outputs)
+    return len(model.schedules) > 0 or bool(ca.depends_on(expressions, model.t))
 
 
 def _description(plant: Plant) -> str:
@@ -133,7 +133,7 @@ def _description(plant: Plant) -> str:
 
 
 def plants_of(what: object) -> list[Plant]:
-    """Take the models of a Result, or a Model itself; raises ArgumentError if there is none."""
+    """The models of a Result, or a Model itself; raises ArgumentError if there is none."""
     if isinstance(what, Model):
         return [Plant(what)]
     if not isinstance(what, Result):
@@ -146,15 +146,15 @@ def plants_of(what: object) -> list[Plant]:
             f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "
             "take one of kind simulate or track"
         )
-    treatment, said = scene.table.contact.options, remarks(what)
+    treatment, notes = scene.table.contact.options, remarks(what)
     v_reg = treatment.v_reg if isinstance(treatment, Smooth) else Smooth().v_reg
     return [
-        Plant(model, v_reg, scene.table.units, (*said, label) if label else tuple(said))
+        Plant(model, v_reg, scene.table.units, (*notes, label) if label else tuple(notes))
         for label, model in models.items()
     ]
 
 
-# -- the model, in CasADi's words ----------------------------------------------------------------
+# -- the model in CasADi's interface -------------------------------------------------------------
 
 
 def _builder(plant: Plant, name: str) -> Any:
@@ -172,7 +172,7 @@ def _builder(plant: Plant, name: str) -> Any:
     x = _signals(dae, plant, model.x, signal_values(model.x, None, "state"), "local")
     u = _signals(dae, plant, model.u, signal_values(model.u, None, "input", 0.0), "input")
     p = _signals(dae, plant, model.p, signal_values(model.p, None, "parameter"), "parameter")
-    # v_reg stands in every model, so that all are alike to who uses them
+    # v_reg is in every model, so that users can treat all the same
     says = {"start": plant.v_reg, "description": "width of the smooth law of friction"}
     v_reg = dae.add(
         _free("v_reg", taken), "parameter", "tunable", says | _unit("speed", plant.units)
@@ -223,7 +223,7 @@ def _bounds(signal: Any) -> Iterator[tuple[str, float]]:
 
 
 def _scalars(name: str, size: int) -> list[str]:
-    """Names of the scalars of a signal as FMI writes them: ``position[0]``, ``'odd name'``."""
+    """Names of the scalars of a signal in FMI: ``position[0]``, ``'odd name'``."""
     if not re.fullmatch(r"[A-Za-z_]\w*", name, flags=re.ASCII):
         odd = (not c.isascii() or not c.isprintable() or c in "'\"\\" for c in name)
         kept = (f"_{ord(c):x}_" if o else c for c, o in zip(name, odd, strict=True))
@@ -237,14 +237,14 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 def _unit(quantity: str, units: str) -> dict[str, str]:
-    """Unit of a quantity, or of what a user calls by the name of a unit."""
+    """Unit of a quantity, or of a unit's name."""
     known = quantity if quantity in UNITS or units == "SI" else "1"
     unit = unit_of(known, units) if known in UNITS else known
     return {} if unit in ("1", "") else {"unit": unit}
 
 
 def _scheduled(schedule: Schedule, t: ca.MX) -> ca.MX:
-    """What a schedule sets at the time t, as `Schedule.locate` finds it."""
+    """Values of a schedule at the time t, as `Schedule.locate` finds them."""
     breaks = ca.MX(ca.DM(schedule.breaks))
     period = float(schedule.breaks[-1])
     since = t - schedule.start + 4 * np.finfo(float).eps * ca.fmax(ca.fabs(t), period)
@@ -259,7 +259,7 @@ def _scheduled(schedule: Schedule, t: ca.MX) -> ca.MX:
 
 
 def _compiled(name: str) -> tuple[str, str]:
-    """Compile the sources in the current folder; gives the library and its path in the archive."""
+    """Compile the sources in the current folder; returns the library and its archive path."""
     command = compiler()
     if command is None:
         raise ArgumentError("an FMU needs a C compiler; install one, or wormopt[compiler]")
@@ -271,5 +271,5 @@ def _compiled(name: str) -> tuple[str, str]:
     # the command is the user's own compiler
     done = subprocess.run(call, capture_output=True, check=False)  # noqa: S603
     if done.returncode:
-        raise ArgumentError(f"{' '.join(command)} cannot compile the FMU:\n{said(done)}")
+        raise ArgumentError(f"{' '.join(command)} cannot compile the FMU:\n{error_output(done)}")
     return library, f"binaries/{_MACHINES.get(machine, machine)}-{system}/{library}"

@@ -1,4 +1,4 @@
-"""Instants a fixed step apart: whole multiples of it, as exact as they are written."""
+"""Instants with a fixed step: exact multiples of its decimal form."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MOST = 1_000_000
 def multiples(step: float, first: float, last: float) -> list[Decimal]:
     """All k * step from `first` to `last`, both included but for round-off.
 
-    The step counts as the shortest decimal that reads as it: three times 0.1 are 0.3. Raises
+    The step is the shortest decimal that reads as it: three times 0.1 are 0.3. Raises
     ArgumentError if it is not positive, or there are none, or more than a million.
     """
     if not (isinstance(step, int | float) and math.isfinite(step) and step > 0):
@@ -31,5 +31,5 @@ def multiples(step: float, first: float, last: float) -> list[Decimal]:
 
 
 def times(step: float, first: float, last: float) -> np.ndarray:
-    """The same as numbers; see `multiples`."""
+    """Instants of `multiples` as numbers."""
     return np.array([float(t) for t in multiples(step, first, last)])

@@ -1,4 +1,4 @@
-"""MATLAB: everything a result holds, as one structure in a file for ``load``."""
+"""MATLAB: a whole result, as one structure in a file for ``load``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wormopt.files import MARK
 from wormopt.result import Result
 from wormopt.version import VERSION
 
-# SciPy's own tells the time, so that what is the same would be written otherwise each second.
+# SciPy's own header contains the time, so that equal results would have different files.
 _HEADER = b"MATLAB 5.0 MAT-file, written by wormopt".ljust(116)
 _LONGEST = 63
 _KEYWORDS = frozenset(
@@ -51,7 +51,7 @@ def make(result: Result, stem: str) -> dict[str, bytes]:
 
 
 def field_names(names: Iterable[str]) -> dict[str, str]:
-    """Names of fields that MATLAB allows: no keywords, at most 63 letters, no two alike."""
+    """Names of fields that MATLAB allows: no keywords, at most 63 letters, no duplicates."""
     found: dict[str, str] = {}
     for name in names:
         valid = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "_" for c in name)
@@ -72,7 +72,7 @@ def _named(parts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _value(value: Any) -> Any:
-    """Number, array or text; NaN where it is unknown, JSON where lists are ragged."""
+    """Number, array or text; NaN if unknown, JSON for ragged lists."""
     if value is None:
         return np.nan
     if isinstance(value, list):

@@ -13,12 +13,12 @@ from wormopt.exports.instants import multiples
 from wormopt.model.gait import Gait
 
 _SECOND = 1_000_000_000
-_LATEST = 2**31  # seconds are kept in 32 bits
-_AT_REST = float(np.finfo(np.float32).eps)  # the receiver's
+_LATEST = 2**31  # seconds have 32 bits
+_AT_REST = float(np.finfo(np.float32).eps)  # tolerance of the receiver
 
 
 ENDS_AT = "Ends at velocities"
-"""How the remark begins that says that the trajectory does not end at rest."""
+"""Beginning of the remark that the trajectory does not end at rest."""
 
 
 def make(
@@ -26,8 +26,8 @@ def make(
 ) -> dict[str, bytes]:
     """``STEM.yaml``: points a step apart, and one at the end of the last cycle.
 
-    With `rest` it begins and ends at rest: in the first and the last half cycle time runs slower,
-    so that no rate grows.
+    With `rest` it begins and ends at rest: in the first and the last half cycle the motion is
+    slower, so that no rate grows.
 
     Raises ArgumentError if the step is below a nanosecond or gives too many points, or there is
     no cycle.
@@ -45,7 +45,7 @@ def make(
     last = _nanoseconds(Decimal(course.gait.period) * cycles + Decimal(ramp))
     at = [t for t in at if t < last] + [last]
     whole = Decimal(repr(course.gait.period)) * _SECOND
-    if not ramp and whole == int(whole):  # cycles of whole nanoseconds repeat to the last bit
+    if not ramp and whole == int(whole):  # cycles of whole nanoseconds repeat exactly
         rows = [course.gait(np.array(at) % int(whole) / _SECOND, k) for k in range(3)]
     else:
         rows = _rows(course.gait, np.array(at) / _SECOND, end, ramp)
@@ -59,13 +59,13 @@ def _nanoseconds(t: Decimal) -> int:
 
 
 def _rows(gait: Gait, t: np.ndarray, end: float, ramp: float) -> list[np.ndarray]:
-    """Lengths, rates and accelerations (n, m), time running slower within ramps at both ends."""
+    """Lengths, rates and accelerations (n, m), with slower motion in ramps at both ends."""
     if not ramp:
-        t = np.append(t[:-1], 0.0)  # where the last cycle ends, whole nanoseconds or not
+        t = np.append(t[:-1], 0.0)  # the end of the last cycle, whole nanoseconds or not
         return [gait(t, derivative) for derivative in range(3)]
     left = np.minimum(t, end - t)  # to the nearer end
     x = np.clip(left / ramp, 0.0, 1.0)
-    # the pace grows as 3 x² - 2 x³, so that neither it nor its slope jumps
+    # the pace is 3 x² - 2 x³, so that neither it nor its slope jumps
     pace, slope = x * x * (3 - 2 * x), np.where(t < end / 2, 6.0, -6.0) * x * (1 - x) / ramp
     lost = ramp * x**3 * (1 - x / 2) + np.maximum(left - ramp, 0.0)
     at = np.where(t < end / 2, lost, end - ramp - lost)
@@ -107,6 +107,6 @@ def _points(at: list[int], found: list[np.ndarray]) -> Iterable[str]:
 
 
 def _number(value: float) -> str:
-    """Number as every reader of YAML takes it for one: 1.0e-05, where Python writes 1e-05."""
+    """Number that every reader of YAML recognises: 1.0e-05, where Python writes 1e-05."""
     text = repr(value)
     return text.replace("e", ".0e") if "e" in text and "." not in text else text

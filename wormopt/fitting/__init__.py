@@ -1,1 +1,1 @@
-"""From recordings to numbers: recordings, unknowns, the fit and how well it is known."""
+"""Parameters from recordings: recordings, unknowns, the fit and its uncertainty."""

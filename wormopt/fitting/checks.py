@@ -1,4 +1,4 @@
-"""What a fit refuses before it begins."""
+"""Checks of a fitting task."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def check_task(
     noise: Mapping[str, float] | None,
     loss: str,
 ) -> None:
-    """Refuse what is of another kind than it should be, or does not fit the model."""
+    """Refuse arguments of wrong types, or that do not fit the model."""
     if not isinstance(model, Model):
         raise ArgumentError(f"model must be a Model, not {type(model).__name__}")
     for what, given, kind in (

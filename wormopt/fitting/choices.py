@@ -1,4 +1,4 @@
-"""What may be chosen in an experiment: what all choices answer, and numbers that are held."""
+"""Chosen inputs of an experiment: the interface of all choices, and constant numbers."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Values = dict[str, np.ndarray]
 
 
 class Choice(ABC):
-    """Something that may be chosen, as numbers between -1 and 1."""
+    """Chosen input, as numbers between -1 and 1."""
 
     signal: str
 
     @property
     def moving(self) -> int:
-        """So many numbers, the first, by which a course departs from its base in proportion."""
+        """How many first numbers are proportional to the deviation of the input from its base."""
         return 0
 
     @property
@@ -207,7 +207,7 @@ class Constant(Choice):
 
 @dataclass(frozen=True, eq=False)
 class Choices:
-    """All that is chosen in an experiment, as one vector: their numbers one after the other."""
+    """All choices of an experiment, as one vector of their numbers."""
 
     each: Sequence[Choice]
 
@@ -231,7 +231,7 @@ class Choices:
         return np.concatenate([choice.shrunk(part, share) for choice, part in parts])
 
     def values(self, chosen: np.ndarray) -> tuple[Values, Values]:
-        """Parameters and schedules by name, of the model with all choices put in."""
+        """Parameters and schedules by name, for the model with all choices."""
         p, schedules = {}, {}
         for choice, part in self.parts(chosen):
             one, other = choice.values(part)
@@ -239,7 +239,7 @@ class Choices:
         return p, schedules
 
     def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much courses exceed their own limits (m,), and derivatives (m, size)."""
+        """Excess over own limits of the inputs (m,), and derivatives (m, size)."""
         values, rows = zip(*(c.excess(part) for c, part in self.parts(chosen)), strict=True)
         return np.concatenate(values), np.asarray(block_diag(*rows))
 
@@ -272,7 +272,7 @@ def replaced(
     schedules: Sequence[Schedule] = (),
     parameters: Sequence[Signal] = (),
 ) -> Model:
-    """Put an expression of time for an input or a parameter, which becomes an output.
+    """Replace an input or a parameter by an expression of time; it becomes an output.
 
     The symbols in the expression have their values from `schedules` and `parameters`.
     """

@@ -1,4 +1,4 @@
-"""The numbers that a fit moves: unknowns, entry by entry and run by run, as one vector."""
+"""The unknowns of a fit, entry by entry and run by run, as one vector."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from wormopt.fitting.unknowns import Unknown
 from wormopt.model.model import Model
 from wormopt.model.values import by_name, signal_values
 
-# Logarithms are sought no farther from their starts: a factor of 1e12.
+# Largest change of logarithms from their starts: a factor of 1e12.
 _REACH = 12 * math.log(10)
 
 
@@ -24,7 +24,7 @@ class Coordinate:
     """One number of a fit."""
 
     name: str
-    run: int | None  # of which run, None: of all
+    run: int | None  # None: of all
     directions: dict[str, np.ndarray]  # signal -> array of its values' shape
     lower: float  # bounds, start and prior in the coordinate itself
     upper: float
@@ -34,7 +34,7 @@ class Coordinate:
     log: bool
 
     def value(self, theta: float) -> float:
-        """Give the number itself."""
+        """The number itself."""
         return math.exp(theta) if self.log else theta
 
     def slope(self, theta: float) -> float:
@@ -43,7 +43,7 @@ class Coordinate:
 
 
 def known_values(model: Model, run: Recording) -> dict[str, np.ndarray]:
-    """Values of all that may be sought, as run and model bring them."""
+    """Values of all possible unknowns, from run and model."""
     fixed = signal_values((*model.p, *model.u), run.p, "parameter or input", fill=np.nan)
     start = signal_values(model.x, run.x0, "state", fill=np.nan)
     found = by_name((*model.p, *model.u), fixed) | by_name(model.x, start)
@@ -54,7 +54,7 @@ def known_values(model: Model, run: Recording) -> dict[str, np.ndarray]:
 def coordinates_of(
     model: Model, runs: Sequence[Recording], unknowns: Sequence[Unknown]
 ) -> tuple[Coordinate, ...]:
-    """Expand unknowns in their order, entry by entry, each for all runs or run by run."""
+    """Expand unknowns in order, entry by entry, each for all runs or run by run."""
     known = [first_guess(run.model or model, run) for run in runs]
     found = [
         _coordinate(unknown, index, run, model, runs, known)
@@ -70,7 +70,7 @@ def coordinates_of(
 
 
 def first_guess(model: Model, run: Recording) -> dict[str, np.ndarray]:
-    """Known values, with the start of states that are measured taken from their readings."""
+    """Known values; starts of measured states are taken from their readings."""
     known = known_values(model, run)
     for state in model.x:
         if state.name in run.readings and state.name not in (run.x0 or {}):
@@ -125,13 +125,13 @@ def _pick(given: object, index: int, name: str) -> float:
 
 
 def along(directions: Mapping[str, np.ndarray], known: Mapping[str, np.ndarray]) -> float:
-    """Number that comes nearest to the known values of its targets."""
+    """Number nearest to the known values of its targets."""
     up = sum(float(np.sum(d * known[s], where=d != 0)) for s, d in directions.items())
     return up / sum(float(np.sum(d * d)) for d in directions.values())
 
 
 def _natural(model: Model, directions: dict[str, np.ndarray]) -> tuple[float, float]:
-    """Bounds that hold by the model's own nature."""
+    """Bounds from the model."""
     lower, upper = -math.inf, math.inf
     for signal in (*model.x, *model.p, *model.u):
         for d in np.ravel(directions.get(signal.name, ())):
@@ -142,7 +142,7 @@ def _natural(model: Model, directions: dict[str, np.ndarray]) -> tuple[float, fl
 
 
 def _nominal(model: Model, directions: dict[str, np.ndarray]) -> float:
-    """Usual size, from those of the signals it stands in."""
+    """Nominal size, from those of its signals."""
     sizes = {s.name: s.nominal for s in (*model.x, *model.p, *model.u)}
     reach = {s: float(np.abs(d).max()) for s, d in directions.items()}
     return min(sizes.get(s, 1.0) / most for s, most in reach.items())

@@ -1,4 +1,4 @@
-"""Courses of time that may be chosen in an experiment, within limits that hold at all times."""
+"""Inputs over time that an experiment may choose, within limits at all times."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from wormopt.fitting.choices import Choice, Values, check_positive, check_whole,
 from wormopt.model.model import Model, Signal
 from wormopt.model.path import ParameterPath
 
-# A wave is looked at so many times in a turn of its highest harmonic; between, it exceeds what is
-# seen by at most the factor 1/cos(pi / _LOOKS), half a hundredth more.
+# Samples of a wave per period of its highest harmonic; between samples, it exceeds the largest by
+# at most the factor 1/cos(pi / _LOOKS), half a hundredth more.
 _LOOKS = 32
 
 
@@ -74,7 +74,7 @@ class Ramps(Choice):
 
     @property
     def moving(self) -> int:
-        """All of them."""
+        """All numbers."""
         return self.size
 
     def put(self, model: Model) -> Model:
@@ -106,7 +106,7 @@ class Ramps(Choice):
     def _path(self, chosen: np.ndarray) -> ParameterPath:
         knots = self._knots(chosen)
         slopes = np.diff(knots) * self.pieces / self.duration
-        # a last piece that holds: a path goes on as its last piece does
+        # a last constant piece: a path continues as its last piece does
         values = np.stack([knots, np.pad(slopes, ((0, 0), (0, 1)))], axis=2).transpose(1, 0, 2)
         step = self.duration / self.pieces
         return ParameterPath(step * np.arange(self.pieces + 2), values)
@@ -167,7 +167,7 @@ class Waves(Choice):
 
     @property
     def size(self) -> int:
-        """Two for each harmonic of each entry, and one for a frequency that is chosen."""
+        """Two for each harmonic of each entry, and one for a chosen frequency."""
         low, high = self._range
         return self.moving + (low < high)
 
@@ -207,7 +207,7 @@ class Waves(Choice):
         return dict(zip(self._names[:3], numbers, strict=True)), {}
 
     def _amplitudes(self, chosen: np.ndarray) -> np.ndarray:
-        """Of cosines and sines (2, entries, harmonics)."""
+        """Amplitudes of cosines and sines (2, entries, harmonics)."""
         return self.change * np.reshape(chosen[: self.moving], (2, len(self.base), self.harmonics))
 
     def _turns(self, chosen: np.ndarray) -> tuple[float, float]:
@@ -243,7 +243,7 @@ class Waves(Choice):
         return np.concatenate([value, -value]) - 1, np.vstack([row, -row])
 
     def _pick(self, entry: int) -> np.ndarray:
-        """Rows (2 harmonics, size) that pick the cosines and sines of an entry."""
+        """Rows (2 harmonics, size) that select the cosines and sines of an entry."""
         at = np.arange(self.moving).reshape(2, len(self.base), self.harmonics)[:, entry]
         return np.eye(self.size)[at.ravel()]
 
@@ -256,11 +256,11 @@ class Waves(Choice):
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
         cosine, sine = self._amplitudes(chosen)
-        told = {self._names[2]: float(self._turns(chosen)[0])}
+        named = {self._names[2]: float(self._turns(chosen)[0])}
         for name, part in zip(self._names[:2], (cosine, sine), strict=True):
-            told |= {
+            named |= {
                 f"{name}_{j}_{k + 1}": float(part[j, k])
                 for j in range(part.shape[0])
                 for k in range(part.shape[1])
             }
-        return told
+        return named

@@ -1,4 +1,4 @@
-"""One start led downhill: over ever steeper smooth contact, then as exact as asked."""
+"""Descent from one start: over smooth contact of decreasing width, then as the task requires."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from wormopt.fitting.uncertainty import held_at, offset_of, triangle
 from wormopt.simulation.options import Smooth
 
 ARRIVED = 1e-3
-"""Standard errors within which a fit is at the bottom."""
+"""Standard errors within which a fit has converged."""
 # Widths of the smooth law, in typical contact speeds.
 _WIDTHS = (1.0, 0.2)
-# Nodes where nobody says how many, and standard deviations of jumps, in usual sizes of states.
+# Default number of nodes, and standard deviation of jumps, in nominal sizes of states.
 _NODES, _MANY_NODES, _JUMPS = 6, 20, (0.1, 0.01, 1e-3)
-# Steps at most, and the share of the cost that a step shall gain where a start is all one wants.
+# Most steps; least relative gain of a step if only a start is needed.
 _LOOKS, _LOOKS_ROUGH, _GAIN_ROUGH = 100, 20, 1e-1
-# A trust region that shrank at a kink, or came to a bound, is opened again so many times.
+# Number of restarts of a trust region that shrank at a kink, or reached a bound.
 _REGIONS = 4
-# Standard errors, of one number alone, from which a bound counts as reached.
+# Distance in standard errors, of one unknown alone, at which a bound is reached.
 _NEAR_A_BOUND = 0.3
 
 
 @dataclass(frozen=True)
 class Descent:
-    """Where one way downhill ended."""
+    """End of one descent."""
 
     theta: np.ndarray
     residuals: np.ndarray
@@ -47,7 +47,7 @@ class Descent:
 
 
 class Squares(Protocol):
-    """Residuals of which the sum of squares shall be small."""
+    """Residuals whose sum of squares is minimised."""
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +55,7 @@ class Squares(Protocol):
         ...
 
     def residuals(self, theta: np.ndarray, /) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals and their Jacobian; SolveError where there are none."""
+        """Residuals and their Jacobian; SolveError if the motion fails."""
         ...
 
 
@@ -63,7 +63,7 @@ Seen = Callable[[Descent], None]
 
 
 class _Arrived(Exception):
-    """The bottom is near enough."""
+    """The descent has converged."""
 
 
 def descend(
@@ -73,10 +73,10 @@ def descend(
     *,
     rough: bool = False,
 ) -> Descent:
-    """Follow Gauss-Newton steps in a trust region to the bottom, or until little is gained.
+    """Follow Gauss-Newton steps in a trust region until convergence or small gains.
 
-    `seen` is shown every point on the way; `rough`: a start for what follows will do. Raises
-    SolveError where the motion at the start cannot be followed.
+    `seen` gets every point on the path; `rough`: only a start for the next descent is needed.
+    Raises SolveError if the motion at the start cannot be simulated.
     """
     best = _look(task, _inside(task, theta), 0)
     for _ in range(_REGIONS):
@@ -89,9 +89,9 @@ def descend(
 
 
 def _region(task: Squares, begin: Descent, seen: Seen, rough: bool) -> Descent:
-    """Take SciPy's trust region; what cannot be simulated is no way to go.
+    """Use SciPy's trust region; points that cannot be simulated are rejected.
 
-    What lies at a bound stays there.
+    Coordinates at a bound stay there.
     """
     from scipy.optimize import least_squares
 
@@ -108,7 +108,7 @@ def _region(task: Squares, begin: Descent, seen: Seen, rough: bool) -> Descent:
         key = theta.tobytes()
         if key not in points:
             count += 1
-            points.clear()  # it is asked for residuals and slopes of one point after the other
+            points.clear()  # residuals and slopes are requested for one point after the other
             try:
                 points[key] = _look(task, theta, 0)
             except (SolveError, ArgumentError):
@@ -118,7 +118,7 @@ def _region(task: Squares, begin: Descent, seen: Seen, rough: bool) -> Descent:
             seen(best)
         return points[key]
 
-    # SciPy sees n + 1 rows that have the same products: it is slow on tall thin matrices.
+    # SciPy sees n + 1 rows with the same products: it is slow on tall thin matrices.
     def residuals(part: np.ndarray) -> np.ndarray:
         point = at(part)
         return np.full(free.sum() + 1, np.inf) if point is None else _short(point, free)[:, -1]
@@ -146,12 +146,12 @@ def _region(task: Squares, begin: Descent, seen: Seen, rough: bool) -> Descent:
 
 
 def _short(point: Descent, free: np.ndarray) -> np.ndarray:
-    """Jacobian and residuals in their last column, as few rows with the same products."""
+    """Jacobian with residuals as last column, as few rows with the same products."""
     return triangle(np.column_stack([point.jacobian[:, free], point.residuals]))
 
 
 def _settled(task: Squares, found: Descent) -> Descent:
-    """Put what comes near a bound and pushes against it right there: steps never reach it."""
+    """Move coordinates near a bound, and pushing against it, to the bound: steps never reach it."""
     lower, upper = task.bounds
     gradient = found.jacobian.T @ found.residuals
     length = np.linalg.norm(found.jacobian, axis=0)
@@ -181,7 +181,7 @@ def _held(task: Squares, at: Descent) -> np.ndarray:
 
 
 def _inside(task: Squares, theta: np.ndarray) -> np.ndarray:
-    """SciPy wants to begin strictly between the bounds."""
+    """Move strictly between the bounds, as SciPy requires of a start."""
     lower, upper = task.bounds
     room = np.minimum(upper - lower, np.maximum(1.0, np.abs(theta)))
     return np.clip(theta, lower + 1e-10 * room, upper - 1e-10 * room)
@@ -189,16 +189,16 @@ def _inside(task: Squares, theta: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Way:
-    """How a start is led downhill before contact is what the task says and runs are whole."""
+    """First stage of a descent, before contact is that of the task and runs are whole."""
 
     widths: tuple[float, ...] = ()  # of smooth contact, in typical contact speeds
-    nodes: int = 0  # at which each run is cut
+    nodes: int = 0  # number of nodes of each run
 
 
 def ways_of(task: FitTask, nodes: int | None) -> tuple[Way, ...]:
-    """Ways that starts take in turn: different ones go astray in different places.
+    """First stages to try in turn: they fail for different problems.
 
-    The last is dear, for when all others have left more than noise.
+    The last is expensive, for when all others have left more than noise.
     """
     if nodes:
         return (Way(nodes=nodes), Way(nodes=nodes))
@@ -210,7 +210,7 @@ def ways_of(task: FitTask, nodes: int | None) -> tuple[Way, ...]:
 
 
 def _is_read(shooting: Shooting) -> bool:
-    """Whether readings tell all states."""
+    """Whether readings determine all states."""
     if shooting.model.delays:
         return False
     middle = float(np.median(shooting.run.times))
@@ -218,12 +218,12 @@ def _is_read(shooting: Shooting) -> bool:
 
 
 def approach(task: FitTask, theta: np.ndarray, speed: float, way: Way, seen: Seen) -> Descent:
-    """Lead a start downhill where valleys are wide, then to the task's own bottom.
+    """Descend on a problem with wide valleys, then on the task.
 
-    They are wide over smooth contact, or in short stretches between nodes.
+    Valleys are wide over smooth contact, or in short stretches between nodes.
     """
     count = 0
-    with suppress(SolveError, ArgumentError):  # too stiff, say: go on from where it came to
+    with suppress(SolveError, ArgumentError):  # such as too stiff: continue from the point reached
         for found in _led(task, theta, speed, way):
             theta, count = found.theta[: len(theta)], count + found.evaluations
     found = descend(task, theta, seen)
@@ -245,7 +245,7 @@ def _led(task: FitTask, theta: np.ndarray, speed: float, way: Way) -> Iterator[D
 
 
 def contact_speed(task: FitTask, theta: np.ndarray) -> float:
-    """Typical speed over the ground, by which smooth contact is wide or steep."""
+    """Typical speed over the ground, the unit of widths of smooth contact."""
     if not task.model.contacts:
         return 1.0
     usual = float(np.mean([c.nominal_speed for c in task.model.contacts]))

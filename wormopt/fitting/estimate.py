@@ -1,4 +1,4 @@
-"""Fit: the numbers found, and how well they are known."""
+"""Fit: the estimates and their uncertainty."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from wormopt.fitting.uncertainty import (
 from wormopt.shown import SHORT, lines, text
 from wormopt.simulation.trajectory import NonsmoothEvent
 
-# Derivatives are computed anew with tolerances so many times larger: their difference is about
-# the error of those, an upper bound for the better ones.
+# Factor of the tolerances of a second evaluation of derivatives: the difference is about the error
+# of these, an upper bound for the more accurate ones.
 _COARSER = 10.0
 _LINES = 20  # of numbers in a repr
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """Where one start led.
+    """Result from one start.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The numbers found, and how well they are known.
+    """Estimates and their uncertainty.
 
     Parameters
     ----------
@@ -139,12 +139,12 @@ class Fit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What was sought, entry by entry."""
+        """Names of the unknowns, entry by entry."""
         return self.task.names
 
     @property
     def values(self) -> np.ndarray:
-        """Numbers found, (n,): coordinates, or what they are logarithms of."""
+        """Estimates, (n,): coordinates, or their exponentials for logarithms."""
         return self.task.values(self.theta)
 
     @property
@@ -158,7 +158,7 @@ class Fit:
         return {b.signal: self.task.deviation(b.run, b.signal) for b in self.task.blocks}
 
     def continuity(self, nodes: int = 6) -> float:
-        """Measure how well the motions found hang together.
+        """Measure the discontinuity of the motions found.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Fit:
 
     @cached_property
     def nonsmooth_events(self) -> tuple[tuple[str, NonsmoothEvent], ...]:
-        """Run and event where derivatives do not exist, or are of one side only."""
+        """Run and event at which derivatives do not exist or are one-sided."""
         return tuple(
             (shooting.run.name, doubt)
             for shooting in self.task.shootings
@@ -190,7 +190,7 @@ class Fit:
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """Names of what lies at a bound that pushes back."""
+        """Names of unknowns at a bound that is active."""
         held = held_at(self.task.bounds, self.theta, self.jacobian.T @ self.residuals)
         return tuple(name for name, stuck in zip(self.names, held, strict=True) if stuck)
 
@@ -205,15 +205,15 @@ class Fit:
 
     @cached_property
     def sizes(self) -> np.ndarray:
-        """Sizes of the coordinates, (n,), by which their effects are compared; 1 of a logarithm."""
+        """Sizes of the coordinates, (n,), to compare their effects; 1 for a logarithm."""
         sizes = np.maximum(np.abs(self.theta), self.task.nominal)
         return np.where([c.log for c in self.task.coordinates], 1.0, sizes)
 
     @cached_property
     def error(self) -> float:
-        """How wrong singular values may be: as much as derivatives change, computed less exactly.
+        """Error of singular values: the change of derivatives with looser tolerances.
 
-        At least by what simulations promise, and by rounding.
+        At least the tolerance of simulations, and rounding.
         """
         task, fine = self.task, self.task.precision
         less = replace(fine, relative=_COARSER * fine.relative, absolute=_COARSER * fine.absolute)
@@ -228,15 +228,15 @@ class Fit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance of the coordinates, (n, n), infinite along what cannot be told.
+        """Covariance of the coordinates, (n, n), infinite along unidentifiable directions.
 
-        As if there were no bounds: what lies at one is not known better for it.
+        Bounds are ignored: an unknown at one is not known better for it.
         """
         return covariance_of(self.singular, self.sizes, self.error)
 
     @property
     def standard_errors(self) -> np.ndarray:
-        """Standard errors of the numbers found, (n,)."""
+        """Standard errors of the estimates, (n,)."""
         return np.sqrt(np.diag(self.covariance)) * np.abs(self.task.slopes(self.theta))
 
     @property

@@ -1,4 +1,4 @@
-"""A run to be planned, and what it would tell of what is unknown."""
+"""A planned run, and its information about unknowns."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
-# Limits along a motion are looked at so often beside the times of measurements.
+# Number of times at which limits along a motion are checked besides those of measurements.
 _LOOKS = 200
 _TOLERANCE = Tolerance(1e-9, 1e-10)
 
@@ -30,7 +30,7 @@ Directions = dict[str, dict[str, np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """A run to be planned: what is unknown, what is measured, what may be chosen within limits.
+    """A run to be planned: unknowns, measurements, and choices within limits.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Experiment:
             if signals.count(name) > 1 or name in sought:
                 what = "chosen twice" if signals.count(name) > 1 else "both chosen and unknown"
                 raise ArgumentError(f"{name} is {what}; leave one out")
-        self.prior  # noqa: B018  checks what is known
+        self.prior  # noqa: B018  checks priors and earlier runs
 
     def _check_names(self) -> None:
         known = {signal.name for signal in (*self.model.x, *self.model.outputs)}
@@ -129,7 +129,7 @@ class Experiment:
 
     @cached_property
     def _numbers(self) -> tuple[tuple[str, dict[str, np.ndarray], float, Unknown], ...]:
-        """Name, directions, value and Unknown of each number sought."""
+        """Name, directions, value and Unknown of each entry."""
         signals = (*self.model.x, *self.model.p, *self.model.u)
         own = {s.name: np.asarray(s.value) for s in signals if s.value is not None}
         found = []
@@ -151,7 +151,7 @@ class Experiment:
 
     @property
     def unknowns_of(self) -> tuple[Unknown, ...]:
-        """Which Unknown each number is of."""
+        """Unknown of each entry."""
         return tuple(unknown for *_, unknown in self._numbers)
 
     @property
@@ -161,7 +161,7 @@ class Experiment:
 
     @property
     def sizes(self) -> np.ndarray:
-        """By what errors of their coordinates (n,) are relative ones; 1 where a value is 0."""
+        """Sizes of coordinates (n,) for relative errors; 1 for values 0."""
         return np.array([1.0 if u.log or not v else abs(v) for _, _, v, u in self._numbers])
 
     @cached_property
@@ -174,7 +174,7 @@ class Experiment:
 
     @cached_property
     def prior(self) -> Knowledge:
-        """What is known before, by priors and by earlier runs."""
+        """Information before the run, from priors and earlier runs."""
         rows, at = [np.zeros((0, len(self.names)))], 0
         for unknown in self.unknowns:
             size = len(unknown.directions(self.model))
@@ -190,7 +190,7 @@ class Experiment:
 
     @cached_property
     def chosen(self) -> Choices:
-        """All that is chosen, as one vector."""
+        """All choices, as one vector."""
         return Choices(self.choices)
 
     @property
@@ -200,7 +200,7 @@ class Experiment:
 
     @cached_property
     def driven(self) -> Model:
-        """The model with all choices put in."""
+        """The model with all choices."""
         model = self.model
         for choice in self.choices:
             model = choice.put(model)
@@ -273,7 +273,7 @@ class Experiment:
         )
 
     def seen(self, chosen: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        """Simulate measurements over their deviations, the unknowns moved.
+        """Simulate measurements over their deviations, with shifted unknowns.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class Experiment:
         return np.concatenate([motion[name].ravel() / sd for name, sd in self.measured.items()])
 
     def knowledge(self, chosen: np.ndarray) -> Knowledge:
-        """What would be known after the run.
+        """Information after the run.
 
         Parameters
         ----------
@@ -319,7 +319,7 @@ class Experiment:
         return self.run(chosen).known
 
     def criterion(self, kind: Literal["D", "A"], wanted: Sequence[str] | None = None) -> Criterion:
-        """Small relative errors of some of the unknowns; the others are nuisances.
+        """Criterion of small relative errors of some unknowns; the others are nuisances.
 
         Parameters
         ----------
@@ -335,7 +335,7 @@ class Experiment:
         return Criterion.of(kind, self.names, wanted or self.names, self.sizes)
 
     def limited(self, chosen: np.ndarray, looks: int) -> np.ndarray:
-        """By how much limits along the motion are exceeded, as shares of their ranges.
+        """Excess over limits along the motion, as shares of their ranges.
 
         Parameters
         ----------
@@ -353,11 +353,11 @@ class Experiment:
             return found[0]
         motion = self.motion(chosen, np.linspace(0.0, self.end, looks))
         for name, (low, high) in self.limits.items():
-            told = [end for end in (low, high) if np.isfinite(end)]
-            size = high - low if len(told) == 2 else max(abs(told[0]), 1e-30)
+            finite = [end for end in (low, high) if np.isfinite(end)]
+            size = high - low if len(finite) == 2 else max(abs(finite[0]), 1e-30)
             values = motion[name].ravel()
-            found += [(values - high) / size] * (high in told)
-            found += [(low - values) / size] * (low in told)
+            found += [(values - high) / size] * (high in finite)
+            found += [(low - values) / size] * (low in finite)
         return np.concatenate(found)
 
 
@@ -368,4 +368,4 @@ class Run:
     motion: Trajectory
     jacobian: np.ndarray  # (r, n) of what is measured over its deviation, by the unknowns
     excess: np.ndarray  # (m,) of limits along the motion, as shares of their ranges
-    known: Knowledge  # after it
+    known: Knowledge  # information after it

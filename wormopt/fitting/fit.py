@@ -1,4 +1,4 @@
-"""The verb `fit`: recordings in, numbers out, with how well they are known."""
+"""The verb `fit`: estimates parameters from recordings, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wormopt.fitting.task import FitTask
 from wormopt.progress import Report, silent
 from wormopt.simulation.trajectory import NonsmoothEvent
 
-# Starts end at the same place if they are within so many standard errors of the best.
+# Standard errors from the best within which starts have the same end.
 _SAME = 0.1
 # Noise is estimated until it changes by less than this share.
 _SETTLED, _MOST_LEVELS = 1e-3, 20
@@ -106,9 +106,9 @@ def fit(
             report("estimating noise", None)
             task, best = _with_levels(task, best, estimated)
     except KeyboardInterrupt:
-        partial = _told(asked, task, points[0], ends, "interrupted") if points else None
+        partial = _fit_of(asked, task, points[0], ends, "interrupted") if points else None
         raise Interrupted(partial) from None
-    return _told(asked, task, best, ends)
+    return _fit_of(asked, task, best, ends)
 
 
 def _of_starts(
@@ -120,7 +120,7 @@ def _of_starts(
     seen: Seen,
     report: Report,
 ) -> Descent:
-    """Lead starts downhill, one after the other, until enough of them agree."""
+    """Descend from starts, one after the other, until enough of them agree."""
     speed, (*ways, last) = contact_speed(task, task.start), ways_of(task, nodes)
     best, first, noisy = None, None, False  # whether the best leaves noise only
     for number, start in enumerate(starts):
@@ -145,13 +145,13 @@ def _of_starts(
             f"no start of the fit could be simulated: {first}",
             "begin with other numbers, or narrower bounds",
         ) from first
-    # by the errors of this noise; what is estimated later may be far smaller
+    # by the errors of this noise; estimates may be far smaller later
     ends[:] = [replace(end, agrees=_agrees(best, end)) for end in ends]
     return best
 
 
 def _agrees(best: Descent, end: Attempt) -> bool:
-    """Whether a start ended where the best did, but for what the data do not tell."""
+    """Whether a start ended at the best, except along directions that the data do not determine."""
     if not np.isfinite(end.cost):
         return False
     step = best.jacobian @ (end.theta - best.theta)
@@ -161,7 +161,7 @@ def _agrees(best: Descent, end: Attempt) -> bool:
 def _with_levels(
     task: FitTask, best: Descent, estimated: tuple[str, ...]
 ) -> tuple[FitTask, Descent]:
-    """Estimate noise and numbers in turn until neither changes."""
+    """Estimate noise and unknowns in turn until neither changes."""
     for _ in range(_MOST_LEVELS):
         noise = noise_of(task, best.theta, estimated)
         change = max(abs(noise[s] / task.level(s) - 1) for s in estimated)
@@ -172,10 +172,10 @@ def _with_levels(
     return task, best
 
 
-def _told(
+def _fit_of(
     asked: FitTask, task: FitTask, best: Descent, ends: list[Attempt], reason: str = ""
 ) -> Fit:
-    """Say what was found and whether it holds; `asked` is the task before noise was estimated."""
+    """Make the Fit with warnings; `asked` is the task before noise was estimated."""
     ends = sorted(ends, key=lambda end: end.cost)
     found = Fit(
         task=task,
@@ -194,8 +194,8 @@ def _told(
         warnings.append(f"{len(ends) - same} of {len(ends)} starts ended elsewhere, see starts")
     if strange:
         warnings.append(
-            f"{'; '.join(strange)}: the model does not tell all, or the search ended at a wrong "
-            "place, or a clock, a unit or a column is wrong"
+            f"{'; '.join(strange)}: the model is incomplete, the search ended in a wrong minimum, "
+            "or a clock, a unit or a column is wrong"
         )
     warnings += (f"{name} is at its bound" for name in found.at_bound)
     reason = reason or _failing(found, strange)
@@ -208,34 +208,34 @@ def _told(
 
 
 def _failing(found: Fit, strange: list[str]) -> str:
-    """Why a search has not converged, of which the residuals may be no noise; "" if it has."""
+    """Reason why a search has not converged, if residuals may not be noise; "" if it has."""
     names, same, held = found.names, sum(end.agrees for end in found.starts), found.at_bound
     if strange and 2 * len(held) >= len(names):
         return (
-            f"{len(held)} of {len(names)} numbers lie at their bounds, and {strange[0]}; look at "
+            f"{len(held)} of {len(names)} unknowns are at their bounds, and {strange[0]}; check "
             "units, signs and columns, or write wider bounds"
         )
     if found.offset >= ARRIVED:
         return (
-            f"the bottom was not reached: {found.offset:.2g} standard errors are left; events may "
-            "appear or vanish there, or other starts help"
+            f"the search did not reach a minimum: {found.offset:.2g} standard errors are left; "
+            "events may appear or vanish there; try other starts"
         )
     still = np.flatnonzero(~np.any(found.jacobian, axis=0))
     if strange and still.size:
         return (
             f"the motion does not depend on {', '.join(names[k] for k in still)} here, and does "
-            "not fit; begin with other numbers, at which it does"
+            "not fit; write starts at which it depends on them"
         )
     if strange and len(found.starts) > 1 and same < 2:
         return (
-            f"the best of {len(found.starts)} starts is alone, and {strange[0]}; begin with other "
-            "numbers or from more starts, or look at what else the model is told"
+            f"only one of {len(found.starts)} starts found the best fit, and {strange[0]}; write "
+            "other or more starts, or check the other values of the model"
         )
     return ""
 
 
 def _doubted(found: Fit) -> list[str]:
-    """Where errors rest on derivatives that do not exist; a line for each run."""
+    """Warnings about errors from derivatives that do not exist; a line for each run."""
     doubts: dict[str, list[NonsmoothEvent]] = {}
     for run, doubt in found.nonsmooth_events:
         doubts.setdefault(run, []).append(doubt)

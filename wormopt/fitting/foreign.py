@@ -1,6 +1,6 @@
-"""Readings as pandas and xarray hold them, made plain: entries of signals, units, orders of axes.
+"""Readings of pandas and xarray as plain arrays: entries of signals, units, orders of axes.
 
-Neither package is loaded: objects are known by what they answer.
+Neither package is imported: objects are recognised by their attributes.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _of_table(run: str, table: Any) -> dict[str, Any]:
 
 
 def _factor(run: str, name: str, given: Any) -> float:
-    """What an array of xarray is multiplied by, so that it is in units of SI."""
+    """Factor that converts an array of xarray to SI units."""
     attributes = getattr(given, "attrs", None)
     unit = attributes.get("units", "") if isinstance(attributes, Mapping) else ""
     return _size(run, name, unit if isinstance(unit, str) else "")

@@ -1,4 +1,4 @@
-"""What is known of unknown numbers: their Fisher information, kept as a triangular factor."""
+"""Fisher information of unknowns, stored as a triangular factor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from wormopt.errors import ArgumentError
 from wormopt.fitting.uncertainty import TOLD, spectrum, triangle
 from wormopt.model.values import numbers
 
-# A direction that is not seen involves the unknowns that have more than this share of it.
+# Least share of an unknown in an unseen direction that involves it.
 _INVOLVED = 1e-3
 
 
@@ -60,26 +60,26 @@ class Knowledge:
 
     @classmethod
     def nothing(cls, names: Sequence[str]) -> Knowledge:
-        """Know nothing of the unknowns `names`."""
+        """No information about the unknowns `names`."""
         return cls(tuple(names), np.zeros((0, len(names))))
 
     @classmethod
     def from_covariance(cls, names: Sequence[str], covariance: ArrayLike) -> Knowledge:
-        """Know what a fit left, its covariance (n, n); infinite variances tell nothing.
+        """Information of a fit with covariance (n, n); infinite variances give none.
 
         Raises ArgumentError if it is not symmetric and positive definite where it is finite.
         """
         given = np.array(covariance, dtype=float)
         if given.shape != (len(names), len(names)) or np.any(np.isnan(given)):
             raise ArgumentError(f"covariance must be {len(names)} by {len(names)} numbers")
-        told = np.isfinite(np.diag(given))
-        inner = given[np.ix_(told, told)]
-        root = np.zeros((told.sum(), len(names)))
-        root[:, told] = _inverse_root(inner)
+        finite = np.isfinite(np.diag(given))
+        inner = given[np.ix_(finite, finite)]
+        root = np.zeros((finite.sum(), len(names)))
+        root[:, finite] = _inverse_root(inner)
         return cls(tuple(names), root)
 
     def after(self, jacobian: ArrayLike) -> Knowledge:
-        """Measure more: derivatives (r, n) of it, over its standard deviation."""
+        """Add measurements: their derivatives (r, n) over their standard deviations."""
         stacked = np.vstack([self.root, numbers("jacobian", jacobian)])
         return replace(self, root=triangle(stacked))
 
@@ -93,12 +93,12 @@ class Knowledge:
 
     @property
     def rank(self) -> int:
-        """How many combinations of the unknowns are seen at all."""
+        """Number of combinations of the unknowns that are seen."""
         return self._factors[3]
 
     @property
     def unseen(self) -> tuple[dict[str, float], ...]:
-        """Combinations that change nothing that was measured, unknown by unknown."""
+        """Combinations without effect on measurements, unknown by unknown."""
         length, _, right, rank = self._factors
         found = []
         for vector in right[rank:]:
@@ -111,7 +111,7 @@ class Knowledge:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance (n, n); infinite variances, and no correlation, for what is not seen."""
+        """Covariance (n, n); infinite variances, and no correlation, for unseen unknowns."""
         _, _, right, rank = self._factors
         found = self.axes @ self.axes.T
         lost = np.any(np.abs(right[rank:]) > _INVOLVED, axis=0)
@@ -127,13 +127,13 @@ class Knowledge:
 
     @property
     def errors(self) -> np.ndarray:
-        """Standard errors (n,) of the unknowns, infinite for what is not seen."""
+        """Standard errors (n,) of the unknowns, infinite for unseen ones."""
         return np.sqrt(np.diag(self.covariance))
 
     def spread(self, rows: np.ndarray) -> np.ndarray:
         """Factor B (n, q) of the covariance B'B of combinations `rows` (q, n) of the unknowns.
 
-        Infinite where a combination is not seen.
+        Infinite for an unseen combination.
         """
         length, values, right, rank = self._factors
         seen = right @ (rows / length).T
@@ -144,7 +144,7 @@ class Knowledge:
 
 
 def _inverse_root(covariance: np.ndarray) -> np.ndarray:
-    """Triangle R of which R'R is the inverse; ArgumentError if there is none."""
+    """Triangle R such that R'R is the inverse; ArgumentError if there is none."""
     variances = np.diag(covariance)
     try:
         if np.all(variances > 0) and np.allclose(covariance, covariance.T, rtol=1e-8, atol=0.0):
@@ -193,7 +193,7 @@ class Criterion:
         wanted: Sequence[str],
         sizes: ArrayLike,
     ) -> Criterion:
-        """Ask for some of the unknowns, relative to their sizes (n,); the others are nuisances."""
+        """Criterion for some unknowns, relative to their sizes (n,); the others are nuisances."""
         lost = [name for name in wanted if name not in names]
         if lost or not wanted:
             raise ArgumentError(f"wanted must be some of {', '.join(names)}, not {lost}")
@@ -201,7 +201,7 @@ class Criterion:
         return cls(kind, rows[[list(names).index(name) for name in wanted]])
 
     def __call__(self, known: Knowledge) -> float:
-        """Mean error of a combination, in the logarithm; infinite where one is not seen.
+        """Logarithm of the mean error of a combination; infinite if one is unseen.
 
         D: the q-th root of the volume over that of the unit ball. A: the root of the mean
         variance.

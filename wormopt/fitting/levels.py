@@ -1,4 +1,4 @@
-"""Noise of readings, estimated from what a fit leaves, and whether what is left is noise."""
+"""Noise of readings, estimated from residuals of a fit, and tests whether residuals are noise."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from wormopt.fitting.losses import robust
 from wormopt.fitting.task import Block, FitTask
 from wormopt.fitting.uncertainty import leverages
 
-# Lags that are tested, at most a fifth of the readings (R. Hyndman, 2014), and readings at least.
+# Most lags tested, at most a fifth of the readings (R. Hyndman, 2014), and fewest readings.
 _LAGS, _SHARE, _FEWEST = 10, 5, 8
-# Residuals so many times the noise said, on average, are more than chance; so is a correlation
-# that white noise would show so rarely.
+# Ratio of mean residuals to the given noise that is no chance; probability of a correlation of
+# white noise that is too small.
 _EXPLAINED, _LACKING = 1.5, 1e-6
-# Mean squares below this share of the noise are lost in it, whatever they look like.
+# Mean squares below this share of the noise are ignored, whatever their correlation.
 _LOST = 1e-2
-# Readings cannot be told to be better than motions are simulated.
+# Estimated noise is at least the simulation error.
 _ERRORS = 100.0
 MEDIAN = 0.6745
-"""Of the size of normal noise, in standard deviations."""
+"""Factor from the median size of normal noise to its standard deviation."""
 
 
 def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[str, float]:
-    """Standard deviations of signals; what the unknowns take from the residuals is counted.
+    """Standard deviations of signals, corrected for the degrees of freedom of the unknowns.
 
-    Of a robust fit by the median, so that outliers do not count.
+    For a robust fit by the median, which ignores outliers.
     """
     r, jacobian = task.plain(theta)
     _, steep = robust(r[: task.count], task.loss)
@@ -45,7 +45,7 @@ def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[s
 
 
 def rows_estimated(task: FitTask, signal: str) -> np.ndarray:
-    """Rows of a signal in the runs that do not say its noise."""
+    """Rows of a signal in the runs with unknown noise."""
     blocks = [b for b in task.blocks if b.signal == signal]
     open_ = [b for b in blocks if signal not in (task.recordings[b.run].noise or {})]
     return np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in open_])
@@ -58,10 +58,9 @@ def _least(task: FitTask, signal: str) -> float:
 
 
 def unexplained(asked: FitTask, task: FitTask, plain: np.ndarray) -> Iterator[str]:
-    """Yield why what a fit leaves, `plain` (rows,), is no noise: by size, or by correlation.
+    """Yield reasons why residuals `plain` (rows,) are no noise: their size or correlation.
 
-    Noise that nobody said is held against how readings scatter from one to the next, which is what
-    `asked` has.
+    Unknown noise is compared with the scatter of successive readings, which `asked` contains.
     """
     left = plain[: task.count] * task.deviations / asked.deviations
     if task.loss == "linear":
@@ -73,7 +72,7 @@ def unexplained(asked: FitTask, task: FitTask, plain: np.ndarray) -> Iterator[st
         yield f"residuals are {max(sizes):.2g} times the {which}"
     chances = [p for block in task.blocks for p in _chances(block, left)]
     if min(chances, default=1.0) < _LACKING:
-        yield f"residuals hang together as noise never does (p = {min(chances):.1g})"
+        yield f"residuals are correlated, unlike noise (p = {min(chances):.1g})"
 
 
 def _chances(block: Block, left: np.ndarray) -> Iterator[float]:
@@ -86,7 +85,7 @@ def _chances(block: Block, left: np.ndarray) -> Iterator[float]:
 
 
 def ljung_box(row: np.ndarray, lags: int | None = None) -> tuple[float, float]:
-    """Statistic of correlations up to so many lags, and p; NaN in `row` (m,) are gaps."""
+    """Statistic of correlations up to some lag, and p; NaN in `row` (m,) are gaps."""
     from scipy.special import chdtrc
 
     there = np.isfinite(row)

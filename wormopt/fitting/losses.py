@@ -8,8 +8,8 @@ import numpy as np
 
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 
-# Residuals, in standard deviations, from which a loss departs from squares: the estimate of a
-# mean from normal noise has 95 % of the efficiency of least squares.
+# Residuals, in standard deviations, from which a loss differs from squares: the estimated mean of
+# normal noise has 95 % of the efficiency of least squares.
 SCALES: dict[Loss, float] = {"soft_l1": 1.287, "huber": 1.345, "cauchy": 2.385}
 _TINY = 1e-30
 
@@ -19,7 +19,7 @@ def robust(r: np.ndarray, loss: Loss) -> tuple[np.ndarray, np.ndarray]:
     if loss == "linear":
         return r, np.ones_like(r)
     scale = SCALES[loss]
-    z = np.maximum((r / scale) ** 2, _TINY)  # so small, it is the square to all digits
+    z = np.maximum((r / scale) ** 2, _TINY)  # so small that it is the square to all digits
     if loss == "soft_l1":
         root = np.sqrt(1 + z)
         value, slope = 2 * z / (1 + root), 1 / root

@@ -1,4 +1,4 @@
-"""What is asked of planned runs: limits seen closely, linear measurements, predictions."""
+"""Properties of planned runs: excess over limits, linearity of measurements, predictions."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from wormopt.model.model import Model
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 
-_FAR = 2.0  # standard errors within which measurements shall be linear
+_FAR = 2.0  # standard errors within which measurements must be linear
 _TOLERANCE = Tolerance(1e-9, 1e-10)
 
 
 def largest_excess(experiment: Experiment, chosen: np.ndarray, looks: int) -> float:
-    """Largest excess of any limit, as a share; infinite where the motion cannot be followed."""
+    """Largest excess of any limit, as a share; infinite if the motion cannot be simulated."""
     found = [experiment.chosen.excess(chosen)[0], np.abs(chosen) - 1]
     try:
         found.append(experiment.limited(chosen, looks))
@@ -26,12 +26,12 @@ def largest_excess(experiment: Experiment, chosen: np.ndarray, looks: int) -> fl
 
 
 def departure(experiment: Experiment, chosen: np.ndarray) -> float:
-    """How far measurements are from linear in the unknowns over their expected errors.
+    """Deviation of measurements from linearity in the unknowns over their expected errors.
 
-    Where masses begin or cease to stick within these errors, derivatives of one side say little
-    of the other, and expected errors are wrong. Looked at along the principal axes of the
+    If masses begin or cease to stick within these errors, one-sided derivatives do not apply on
+    the other side, and expected errors are wrong. Evaluated along the principal axes of the
     confidence ellipsoid, two standard errors to both sides; in standard errors for each of them,
-    infinite where there is no such motion, or no such number.
+    infinite if there is no such motion or value.
     """
     worst = 0.0
     try:
@@ -41,7 +41,7 @@ def departure(experiment: Experiment, chosen: np.ndarray) -> float:
             for step in (-_FAR * axis, _FAR * axis):
                 departs = experiment.seen(chosen, step) - here - run.jacobian @ step
                 worst = max(worst, float(np.linalg.norm(departs)) / _FAR)
-    except (SolveError, ArgumentError):  # friction below 0, say
+    except (SolveError, ArgumentError):  # such as friction below 0
         return np.inf
     return worst
 
@@ -54,7 +54,7 @@ def mean_rate(
     *,
     entry: int = 0,
 ) -> Criterion:
-    """Ask for a small variance of a prediction: the mean rate of a state or output in some motion.
+    """Criterion of a small variance of the mean rate of a state or output in some motion.
 
     Parameters
     ----------

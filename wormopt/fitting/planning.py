@@ -1,4 +1,4 @@
-"""The verb `plan_experiment`: what to run next, so that the wanted numbers are known best."""
+"""The verb `plan_experiment`: the next run that determines the wanted numbers best."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from wormopt.fitting.planned import departure, largest_excess
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance
 
-# Chosen numbers, from -1 to 1, are moved by so much to find slopes: derivatives are exact to
-# about 1e-8, and where events pass samples they jump by little.
+# Step of chosen numbers, from -1 to 1, for difference quotients: derivatives are exact to about
+# 1e-8, and jump little where events pass samples.
 _STEP = 1e-4
 _ROUNDS, _GAIN = 60, 1e-5
-# Limits along a motion are looked at this often in the end; what they exceed between the looks of
-# the search is taken off them, so many times.
+# Number of times at which limits along a motion are checked in the end; how often limits are
+# tightened by the excess between the times of the search.
 _CLOSER, _TIGHTER = 4001, 3
 _FINER = Tolerance(1e-11, 1e-12)
-# What exceeds a limit by less keeps it.
+# A smaller excess of a limit is accepted.
 _KEPT = 1e-6
-# A motion that cannot be followed, or shows nothing of what is wanted.
+# Value of a motion that fails, or gives no information.
 _WORTHLESS = 100.0
-# Measurements depart from linear ones by so much of each standard error at most; else courses are
-# sought beside, ever further away, so many at each distance.
+# Largest nonlinearity of measurements, in standard errors; else inputs are varied, ever further,
+# this many at each distance.
 _LINEAR, _BESIDE, _TRIES = 0.1, (0.003, 0.01, 0.03, 0.1), 12
-# A course is halved towards rest so often until it keeps limits; drawn anew so often if it cannot.
+# How often an input is halved until it satisfies limits; how often it is redrawn if it cannot.
 _HALVINGS, _DRAWS = 12, 30
 
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """An experiment drawn at random within all limits."""
+    """A random experiment within all limits."""
 
     chosen: np.ndarray
     value: float  # of the criterion
@@ -46,7 +46,7 @@ class Rival:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The best experiment that was found.
+    """The best experiment found.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Plan:
 
     @property
     def known(self) -> Knowledge:
-        """What is known after it."""
+        """Information after it."""
         return self.run.known
 
     @property
@@ -106,7 +106,7 @@ class Plan:
         return self.criterion(self.known)
 
     def shrinks(self, other: Knowledge) -> float:
-        """By what factor the confidence region, or the error, is smaller than another's.
+        """Ratio of another's confidence region, or error, to this one's.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ def plan_experiment(
     seed: int = 0,
     report: Report = silent,
 ) -> Plan:
-    """Find the run within the limits after which the wanted numbers are known best.
+    """Find the run within the limits that determines the wanted numbers best.
 
     Experiments are drawn at random, each as large as the limits allow; from the best of them on,
     sequential quadratic programs (SLSQP) with slopes by differences of exact sensitivities.
@@ -181,8 +181,8 @@ def plan_experiment(
         drawn = search.draw(rivals, seed, report)
         first = drawn[:starts]
         for number, rival in enumerate(first):
-            told, done = f"search {number + 1} of {len(first)}", number / len(first)
-            ends.append(search.improve(rival.chosen, partial(report, told, done)))
+            text, done = f"search {number + 1} of {len(first)}", number / len(first)
+            ends.append(search.improve(rival.chosen, partial(report, text, done)))
         report("rechecking", None)
         return search.plan(drawn, ends)
     except KeyboardInterrupt:
@@ -192,7 +192,7 @@ def plan_experiment(
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """What is found at a point."""
+    """Results at a point."""
 
     run: Run | None
     value: float
@@ -200,7 +200,7 @@ class _Look:
 
 
 class _Search:
-    """Steps from look to look; remembers the best point that keeps all limits."""
+    """Search over experiments; stores the best point within all limits."""
 
     def __init__(self, experiment: Experiment, criterion: Criterion) -> None:
         self.experiment, self.criterion = experiment, criterion
@@ -210,7 +210,7 @@ class _Search:
         self._slopes: tuple[bytes, np.ndarray, np.ndarray] | None = None
 
     def look(self, chosen: np.ndarray) -> _Look:
-        """Run an experiment; the last one is remembered."""
+        """Evaluate an experiment; the last one is cached."""
         key = np.asarray(chosen).tobytes()
         if self._last is None or self._last[0] != key:
             self._last = key, self._look(chosen)
@@ -224,7 +224,7 @@ class _Search:
         return _Look(run, min(self.criterion(run.known), _WORTHLESS), run.excess)
 
     def slopes(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the criterion and of the excess, by looks beside."""
+        """Derivatives of the criterion and of the excess, by difference quotients."""
         key = np.asarray(chosen).tobytes()
         if self._slopes is None or self._slopes[0] != key:
             here = self.look(chosen)
@@ -256,10 +256,10 @@ class _Search:
 
     def _refuse(self, known: Knowledge) -> None:
         names = known.unseen[0] if known.unseen else {}
-        told = ", ".join(f"{share:+.3g} {name}" for name, share in names.items())
+        listed = ", ".join(f"{share:+.3g} {name}" for name, share in names.items())
         raise SolveError(
-            f"no experiment that was drawn tells what is wanted: nothing changes with {told}",
-            "measure something else, take more for known, or want less",
+            f"no experiment identifies the wanted unknowns: nothing changes with {listed}",
+            "measure other signals, fix more parameters, or want fewer unknowns",
             code="not_told",
         )
 
@@ -275,7 +275,7 @@ class _Search:
         )
 
     def within(self, chosen: np.ndarray) -> np.ndarray | None:
-        """Shrink courses until the motion keeps its limits, seen closely; None if it never does."""
+        """Shrink inputs until motions keep their limits, closely checked; None if it cannot."""
         if self.over(chosen) <= _KEPT:
             return chosen
         low, high = 0.0, 1.0
@@ -288,7 +288,7 @@ class _Search:
         return self.experiment.chosen.shrunk(chosen, low)
 
     def improve(self, start: np.ndarray, tell: Callable[[], None]) -> float:
-        """Search from a point that keeps all limits; gives the criterion at the end."""
+        """Search from a point within all limits; returns the criterion at the end."""
         margin, here, value = 0.0, start, self.look(start).value
         for _ in range(_TIGHTER):
             here = self._steps(here, margin, tell)
@@ -306,9 +306,9 @@ class _Search:
         return min(value, end)
 
     def _settled(self, chosen: np.ndarray) -> np.ndarray:
-        """Step off edges, beyond which masses stick that slid, within the errors expected.
+        """Move off kinks, at which masses begin to stick, within the expected errors.
 
-        Searches end on them: the criterion jumps there, and derivatives hold on one side only.
+        Searches end at them: the criterion jumps there, and derivatives are one-sided.
         """
         if departure(self.experiment, chosen) <= _LINEAR:
             return chosen
@@ -348,7 +348,7 @@ class _Search:
         return np.clip(answer.x, -1.0, 1.0)
 
     def plan(self, drawn: tuple[Rival, ...], ends: list[float]) -> Plan:
-        """Look at the best point again, by another route."""
+        """Evaluate the best point again, by another route."""
         assert self.found is not None
         chosen = self.found[1]
         run = self.experiment.run(chosen)

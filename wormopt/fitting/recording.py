@@ -1,4 +1,4 @@
-"""What was measured along one motion, and what is known of it otherwise."""
+"""Measured signals of one motion, and its known values."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from wormopt.fitting.foreign import instants, signals
 from wormopt.model.model import Model
 from wormopt.model.values import numbers
 
-# Readings so many times larger than others are told: a factor of 1000 is a unit mistaken.
+# Ratio of readings that causes a warning: a factor of 1000 is a wrong unit.
 APART = 1000.0
-# Fewer readings do not show whether they are angles that jump by a turn.
+# Fewest readings that show whether they are angles that jump by a turn.
 _FEWEST_ANGLES, _MANY_ANGLES = 5, 30
-# Steps of time so many times longer than usual are pauses.
+# Ratio of a time step to the usual one from which it is a pause.
 _LONG = 1.5
 
 
@@ -128,35 +128,35 @@ class Recording:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What looks wrong but may be right."""
-        told = []
+        """Likely errors in the recording."""
+        found = []
         for name, rows in self.readings.items():
             still = [k for k, row in enumerate(rows) if _still(row)]
             if still:
                 entries = ", ".join(f"{name}[{k}]" for k in still)
-                told.append(f"{self.name}: {entries} keeps one value all the time")
+                found.append(f"{self.name}: {entries} keeps one value all the time")
             for turn, words in ((2 * np.pi, "2π"), (360.0, "360")):
                 wrapped = [k for k, row in enumerate(rows) if _is_wrapped(row, turn)]
                 if wrapped:
                     entries = ", ".join(f"{name}[{k}]" for k in wrapped)
-                    told.append(
+                    found.append(
                         f"{self.name}: {entries} jumps by about {words}, as angles do that are "
                         f"recorded modulo a turn; if it is one, write it in rad, and "
                         f'unwrap = ["{name}"]'
                     )
             if name in self.unwrap:
                 for k, row in enumerate(rows):
-                    told += [
+                    found += [
                         f"{self.name}: {name}[{k}] {what}" for what in guesses(self.times, row)
                     ]
             sizes = np.array([np.nanmax(np.abs(row), initial=0.0) for row in rows])
             moving = sizes[sizes > 0]
             if moving.size and moving.max() > APART * moving.min():
-                told.append(
+                found.append(
                     f"{self.name}: entries of {name} differ {moving.max() / moving.min():.0f} "
                     "times in size; look at their units"
                 )
-        return tuple(told)
+        return tuple(found)
 
 
 def _check_times(name: str, times: np.ndarray) -> None:
@@ -196,7 +196,7 @@ def unwrapped(row: np.ndarray) -> np.ndarray:
 def guesses(times: np.ndarray, row: np.ndarray) -> list[str]:
     """Warnings of an unwrapped angle (m,): pauses in which more than half a turn may have passed.
 
-    They are judged by the fastest of the steps that are not longer than usual.
+    The rate is the fastest among steps not longer than usual.
     """
     there = np.isfinite(row)
     t, steps = times[there], np.abs(np.diff(row[there]))
@@ -220,19 +220,19 @@ def _is_wrapped(row: np.ndarray, turn: float) -> bool:
     if there.size < _FEWEST_ANGLES or np.ptp(there) > turn * (1 + 1e-9):
         return False
     steps, smooth = np.abs(np.diff(there)), np.abs(np.diff(np.unwrap(there, period=turn)))
-    # of readings at random, many go by nearly half a turn
+    # random readings often change by nearly half a turn
     most = 0.375 if there.size >= _MANY_ANGLES else 0.25
     return bool(steps.max() > turn / 2 and smooth.max() < most * turn)
 
 
 def _still(row: np.ndarray) -> bool:
-    """Whether all readings are one value; one reading alone tells nothing."""
+    """Whether all readings are equal; a single one is not."""
     there = row[np.isfinite(row)]
     return there.size > 1 and bool(np.ptp(there) <= 4e-16 * np.abs(there).max())
 
 
 def scatter(rows: np.ndarray) -> float:
-    """Noise by how readings depart from the line through their neighbours; never 0."""
+    """Noise from deviations of readings from the line through their neighbours; never 0."""
     there = [row[np.isfinite(row)] for row in rows]
     second = np.concatenate([np.diff(row, 2) for row in there])
     sizes = np.concatenate(there)

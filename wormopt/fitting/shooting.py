@@ -1,4 +1,4 @@
-"""What a model says of a run: signals at the times of its readings, and their derivatives."""
+"""Prediction of a run: signals at the times of its readings, and their derivatives."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from wormopt.simulation.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Shooting:
-    """One run, shot from its start with any values of the coordinates."""
+    """One run, simulated from its start with any values of the coordinates."""
 
     model: Model
     run: Recording
@@ -38,7 +38,7 @@ class Shooting:
 
     @cached_property
     def _known(self) -> dict[str, np.ndarray]:
-        """Values of all signals, 0 where coordinates take their place."""
+        """Values of all signals, 0 where coordinates replace them."""
         known = {
             name: np.array(value) for name, value in known_values(self.model, self.run).items()
         }
@@ -56,7 +56,7 @@ class Shooting:
         return {name: np.nan_to_num(value) for name, value in known.items()}
 
     def values(self, theta: np.ndarray) -> dict[str, np.ndarray]:
-        """Values of all that may be sought."""
+        """Values of all possible unknowns."""
         found = {name: np.array(value) for name, value in self._known.items()}
         for k in self.active:
             number = self.coordinates[k].value(theta[k])
@@ -88,11 +88,11 @@ class Shooting:
         return {self.coordinates[k].name: self.coordinates[k].directions for k in self.active}
 
     def predicted(self, theta: np.ndarray) -> dict[str, np.ndarray]:
-        """Signals that were read, (size, m) each."""
+        """Measured signals, (size, m) each."""
         return self.observed(self.motion(theta))
 
     def observed(self, motion: Trajectory) -> dict[str, np.ndarray]:
-        """Signals that were read, (size, m) each, of a motion."""
+        """Measured signals, (size, m) each, of a motion."""
         found = {}
         for name in self.run.readings:
             matrix = self._matrices[name]
@@ -112,14 +112,14 @@ class Shooting:
 
     @cached_property
     def _matrices(self) -> dict[str, np.ndarray | None]:
-        """Of each signal the matrix that makes it of the states, None where there is none.
+        """For each signal its matrix by the states, None if there is none.
 
-        A product is a tenth of the work of evaluating expressions: link lengths are common.
+        A product takes a tenth of the time of evaluating expressions; link lengths are common.
         """
         return {name: _matrix(self.model, name) for name in self.run.readings}
 
     def derivatives(self, theta: np.ndarray) -> tuple[Trajectory, dict[str, np.ndarray]]:
-        """Motion, and of signals that were read derivatives (size, k, m) by active coordinates."""
+        """Motion, and derivatives (size, k, m) of measured signals by active coordinates."""
         motion = self.motion(theta, derivatives=True)
         slopes = np.array([self.coordinates[k].slope(theta[k]) for k in self.active])
         along = self.observed_along(motion)

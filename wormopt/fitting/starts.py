@@ -1,4 +1,4 @@
-"""Where a fit begins: at the start given, and spread around it within the bounds."""
+"""Starts of a fit: the given one, and others spread around it within the bounds."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 from wormopt.fitting.coordinates import Coordinate
 from wormopt.fitting.task import FitTask
 
-# Without bounds numbers are sought within this factor of their starts; starts of motions, which
-# readings tell, within this share of their usual size.
+# Without bounds, numbers are searched within this factor around starts; starts of motions, which
+# readings determine, within this share of their nominal size.
 _FACTOR, _SHARE = 5.0, 0.1
-_HARDLY = 1e-9  # share of its range by which a start keeps away from its bounds
+_HARDLY = 1e-9  # distance of a start from its bounds as a share of its range
 
 
 def starts_of(task: FitTask, count: int, seed: int) -> np.ndarray:
-    """Start given, then a Latin hypercube around it, (count, n)."""
+    """The given start, then a Latin hypercube around it, (count, n)."""
     from scipy.stats.qmc import LatinHypercube
 
     n = len(task.coordinates)

@@ -1,9 +1,9 @@
-"""Multiple shooting: runs cut into stretches, each with a start of its own, that join in the end.
+"""Multiple shooting: runs cut into stretches with their own starts, which join in the end.
 
-A short motion from states that readings tell depends on the unknowns almost linearly, so that wrong
-numbers are led home where a long motion goes astray. Jumps between stretches are residuals, small
-against the usual size of the states; ever smaller ones are asked for, and none at last, when each
-run is one motion again.
+A short motion from states that readings determine depends on the unknowns almost linearly, so that
+it converges from wrong values where a long motion does not. Jumps between stretches are residuals,
+small relative to the usual size of the states; their weight increases, until each run is one
+motion again.
 
 Source: H. G. Bock, in: Numerical Treatment of Inverse Problems in Differential and Integral
 Equations (1983), 95; jumps as residuals as in U. Parlitz et al., Phys. Rev. E 65 (2002) 026208.
@@ -25,7 +25,7 @@ from wormopt.model.values import by_name, nominal_of
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
-# Readings around an instant from which places and rates are read.
+# Number of readings around an instant to estimate places and rates.
 _AROUND = 15
 # Least usual size of a state, in nominal ones.
 _LEAST = 1e-2
@@ -38,7 +38,7 @@ class Stretch:
     shooting: Shooting  # of the whole run
     begin: float
     end: float
-    readings: slice  # of the run, from the beginning on, the end left out but for the last
+    readings: slice  # of the run, from the beginning on; includes its end in the last stretch only
     state: slice | None  # of its start among the unknowns; None: that of the run
     after: slice | None  # of the start of the next one
 
@@ -71,7 +71,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Lifted:
-    """A task whose unknowns are followed by the starts of stretches."""
+    """A task with the starts of stretches as additional unknowns."""
 
     task: FitTask
     stretches: tuple[Stretch, ...]
@@ -145,9 +145,9 @@ class Lifted:
 
 
 def continuity(task: FitTask, theta: np.ndarray, nodes: int) -> float:
-    """Largest jump, in usual sizes, of stretches that start where the whole motion is at nodes.
+    """Largest jump, in usual sizes, of stretches that start on the whole motion at nodes.
 
-    It is what errors of simulation grow to from node to node.
+    It shows the growth of simulation errors from node to node.
     """
     whole, w = lifted(task, theta, nodes)
     for stretch in whole.stretches:
@@ -164,10 +164,10 @@ def continuity(task: FitTask, theta: np.ndarray, nodes: int) -> float:
 
 
 def lifted(task: FitTask, theta: np.ndarray, nodes: int) -> tuple[Lifted, np.ndarray]:
-    """Cut every run at so many nodes; gives also the first unknowns and starts.
+    """Cut every run at this many nodes; also returns the initial unknowns and starts.
 
-    States that are read, and rates of such, are taken from the readings near a node, others from
-    the motion with `theta`.
+    States that are measured, and their rates, are estimated from readings near a node, others
+    from the motion with `theta`.
     """
     at, stretches, starts, usual = len(theta), [], [theta], [task.nominal]
     for shooting in task.shootings:
@@ -189,7 +189,7 @@ def lifted(task: FitTask, theta: np.ndarray, nodes: int) -> tuple[Lifted, np.nda
 
 
 def _states(shooting: Shooting, theta: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Guess of the states at nodes (nodes, n_x), and when the nodes are."""
+    """Guess of the states at nodes (nodes, n_x), and times of the nodes."""
     times, (first, last) = shooting.run.times, shooting.run.ends
     inner = times[(first < times) & (times < last)]
     picked = np.linspace(0, len(inner) - 1, nodes + 2)[1:-1].round().astype(int)
@@ -203,7 +203,7 @@ def _states(shooting: Shooting, theta: np.ndarray, nodes: int) -> tuple[np.ndarr
 
 
 def states_read(model: Model, run: Recording, t: float) -> np.ndarray:
-    """States (n_x,) at an instant as readings around it tell, NaN where they do not."""
+    """States (n_x,) at an instant from readings around it, NaN if they do not determine them."""
     found = {s.name: np.full(s.size, np.nan) for s in model.x}
     rates = {s.name: np.full(s.size, np.nan) for s in model.x}
     for name in set(found) & set(run.readings):
@@ -212,7 +212,7 @@ def states_read(model: Model, run: Recording, t: float) -> np.ndarray:
     x = np.concatenate([found[s.name] for s in model.x])
     try:
         model.places()
-    except ArgumentError:  # its states are no places and their rates
+    except ArgumentError:  # its states are not places and their rates
         return x
     half = model.n_x // 2
     rate = np.concatenate([rates[s.name] for s in model.x])[:half]
@@ -234,7 +234,7 @@ def _around(times: np.ndarray, row: np.ndarray, t: float) -> tuple[float, float]
 
 
 def _usual(model: Model, guess: np.ndarray) -> np.ndarray:
-    """Usual size of each state, (n_x,): how it varies from node to node."""
+    """Usual size of each state, (n_x,): its variation from node to node."""
     nominal = nominal_of(model.x)
     return np.maximum(guess.std(axis=0), _LEAST * nominal)
 

@@ -1,4 +1,4 @@
-"""What is to be fitted: model, recordings, unknowns, noise, as weighted residuals."""
+"""Fitting task: model, recordings, unknowns and noise, as weighted residuals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wormopt.model.model import Model
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.trajectory import Trajectory
 
-# Numbers far off make motions stiff, which are no way to go: steps after which one is given up.
+# Steps after which a motion is given up: wrong values make motions stiff.
 _STEPS, _STEPS_A_READING = 10_000, 10
 # Relative tolerance over relative noise, and its limits.
 _LOST, _TOLERANCES = 1e-4, (1e-11, 1e-8)
@@ -31,7 +31,7 @@ class Block:
 
     run: int
     signal: str
-    there: np.ndarray  # (size, m), where there is a reading
+    there: np.ndarray  # (size, m), whether there is a reading
     rows: slice
 
 
@@ -179,7 +179,7 @@ class FitTask:
 
     @property
     def estimated(self) -> tuple[str, ...]:
-        """Signals of which nobody says the noise."""
+        """Signals with unknown noise."""
         known = self.noise or {}
         found = [
             signal
@@ -190,7 +190,7 @@ class FitTask:
         return tuple(dict.fromkeys(found))
 
     def deviation(self, run: int, signal: str) -> float:
-        """Standard deviation that the readings of a signal are weighed by.
+        """Standard deviation of the readings of a signal, the inverse weight.
 
         Parameters
         ----------
@@ -208,7 +208,7 @@ class FitTask:
         return float(own[signal]) if signal in own else self.level(signal)
 
     def level(self, signal: str) -> float:
-        """Standard deviation of a signal where recordings do not say.
+        """Standard deviation of a signal where recordings give none.
 
         Parameters
         ----------
@@ -231,7 +231,7 @@ class FitTask:
         return {signal: float(np.median(sizes)) for signal, sizes in found.items()}
 
     def with_noise(self, noise: Mapping[str, float]) -> FitTask:
-        """Make the same task with other standard deviations for what recordings do not say.
+        """Make the same task with other standard deviations where recordings give none.
 
         Parameters
         ----------
@@ -246,7 +246,7 @@ class FitTask:
 
     @cached_property
     def precision(self) -> Tolerance:
-        """How exactly motions are simulated: so that errors are lost in the noise."""
+        """Tolerance of simulations, with errors below the noise."""
         if self.tolerance is not None:
             return self.tolerance
         shares = [
@@ -262,7 +262,7 @@ class FitTask:
 
     @cached_property
     def shootings(self) -> tuple[Shooting, ...]:
-        """Each run, to be simulated."""
+        """All runs, ready to simulate."""
         how = self.contact, self.precision, self.route
         return tuple(
             Shooting(run.model or self.model, run, self.coordinates, number, *how)
@@ -271,7 +271,7 @@ class FitTask:
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
-        """Which rows of the residuals are which readings; priors follow them."""
+        """Readings of the rows of the residuals; rows of priors follow them."""
         found, at = [], 0
         for number, run in enumerate(self.recordings):
             for signal, rows in run.readings.items():
@@ -302,7 +302,7 @@ class FitTask:
         return found
 
     def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted residuals with the loss in them, then priors, and their Jacobian.
+        """Weighted residuals after the loss function, then priors, and their Jacobian.
 
         Parameters
         ----------
@@ -399,7 +399,7 @@ class FitTask:
         return r, slopes
 
     def split(self, rows: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
-        """Put one number for each row back to where it was read.
+        """Arrange a number for each row by its reading.
 
         Parameters
         ----------
@@ -419,7 +419,7 @@ class FitTask:
         return found
 
     def motions(self, theta: np.ndarray) -> tuple[Trajectory, ...]:
-        """Simulate every run, sampled when it was read.
+        """Simulate every run at the times of its readings.
 
         Parameters
         ----------
@@ -435,15 +435,15 @@ class FitTask:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What looks wrong in the recordings but may be right."""
+        """Likely errors in the recordings."""
         usual = {state.name: state.nominal for state in self.model.x}
-        told = [line for run in self.runs for line in run.warnings]
+        found = [line for run in self.runs for line in run.warnings]
         for run in self.runs:
             for signal in set(run.readings) & set(usual):
                 times = float(np.nanmax(np.abs(run.readings[signal]))) / usual[signal]
                 if times > APART or 0 < times < 1 / APART:
-                    told.append(
+                    found.append(
                         f"{run.name}: readings of {signal} are {times:.2g} times what is usual "
                         "for the model; look at their unit"
                     )
-        return tuple(told)
+        return tuple(found)

@@ -1,21 +1,21 @@
-"""Covariances from a Jacobian: infinite along what the data do not tell, never small by mistake."""
+"""Covariances from a Jacobian, infinite along unidentifiable directions."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# Singular values below this share of the largest are errors of the Jacobian where nobody measured
-# how wrong it is: motions are simulated to 1e-8 and their derivatives to little less.
+# Relative singular values that are errors of a Jacobian of unknown error: motions are simulated to
+# 1e-8 and their derivatives slightly less accurately.
 TOLD = 1e-7
-_BLOCK = 256  # rows of a matrix that are worked on at once
-# Shares of an unknown in what cannot be told that are round-off, and that never are.
+_BLOCK = 256  # rows of a matrix processed at once
+# Shares of an unknown in unidentifiable directions that are round-off, and that never are.
 _ROUND, _SURELY = 1e-9, 0.1
 
 
 def triangle(matrix: np.ndarray) -> np.ndarray:
     """R (n, n) of the QR decomposition of a matrix (rows, n), block by block.
 
-    Threads of a linear algebra library get into each other's way on tall thin matrices.
+    Threads of a linear algebra library slow each other down on tall thin matrices.
     """
     n = matrix.shape[1]
     block = max(_BLOCK, 4 * n)
@@ -31,13 +31,13 @@ def spectrum(jacobian: np.ndarray, nominal: np.ndarray) -> tuple[np.ndarray, np.
     return s, rows.T
 
 
-def told_by(
+def identified_by(
     spectrum: tuple[np.ndarray, np.ndarray], error: float | None = None
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """How many singular values are told, as they may be wrong by `error`, and what of unknowns is.
+    """Number of identifiable singular values, with errors up to `error`, and unknowns.
 
-    Gives also the standard error of each unknown by what is told, and which take part in what is
-    not: with a larger share than the error mixes in (Wedin).
+    Also returns the standard error of each unknown from identifiable directions, and the unknowns
+    that take part in the others: with a larger share than the error mixes in (Wedin).
     """
     s, v = spectrum
     error = TOLD * float(s.max(initial=0.0)) if error is None else error
@@ -50,9 +50,9 @@ def told_by(
 def _parts(
     spectrum: tuple[np.ndarray, np.ndarray], error: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Finite part of the scaled covariance, and the projector on what cannot be told."""
+    """Finite part of the scaled covariance, and the projector on unidentifiable directions."""
     s, v = spectrum
-    rank, _, lost = told_by(spectrum, error)
+    rank, _, lost = identified_by(spectrum, error)
     finite = (v[:, :rank] / s[:rank] ** 2) @ v[:, :rank].T
     open_ = v[:, rank:] @ v[:, rank:].T
     apart = np.abs(open_) <= _ROUND * np.sqrt(np.outer(np.diag(open_), np.diag(open_)))
@@ -62,7 +62,7 @@ def _parts(
 def covariance_of(
     spectrum: tuple[np.ndarray, np.ndarray], sizes: np.ndarray, error: float | None = None
 ) -> np.ndarray:
-    """Covariance (n, n), infinite along what cannot be told; `error` is that of the spectrum."""
+    """Covariance (n, n), infinite along unidentifiable directions; `error` of the spectrum."""
     finite, open_ = _parts(spectrum, error)
     with np.errstate(invalid="ignore"):
         return np.where(open_ != 0, np.sign(open_) * np.inf, finite * np.outer(sizes, sizes))
@@ -83,7 +83,7 @@ def correlation_of(
 def held_at(
     bounds: tuple[np.ndarray, np.ndarray], theta: np.ndarray, gradient: np.ndarray
 ) -> np.ndarray:
-    """Which coordinates lie at a bound that pushes back, (n,)."""
+    """Which coordinates are at an active bound, (n,)."""
     lower, upper = bounds
     near = 1e-8 * np.maximum(1.0, np.abs(theta))
     return ((theta - lower < near) & (gradient >= 0)) | ((upper - theta < near) & (gradient <= 0))
@@ -92,7 +92,7 @@ def held_at(
 def offset_of(residuals: np.ndarray, jacobian: np.ndarray, free: np.ndarray) -> float:
     """Length of the next step along free coordinates, in standard errors, over sqrt(n).
 
-    The measure of Bates and Watts (1981): the part of the residuals that the tangent space holds.
+    The measure of Bates and Watts (1981): the part of the residuals in the tangent space.
     """
     if not free.any():
         return 0.0
@@ -100,14 +100,14 @@ def offset_of(residuals: np.ndarray, jacobian: np.ndarray, free: np.ndarray) -> 
     small = triangle(np.column_stack([jacobian[:, free], residuals]))
     size = np.linalg.norm(small[:n, :n], axis=0)
     basis, s, _ = np.linalg.svd(small[:n, :n] / np.where(size > 0, size, 1.0))
-    told = s > TOLD * s.max()
-    return float(np.linalg.norm(basis[:, told].T @ small[:n, n]) / np.sqrt(n))
+    identified = s > TOLD * s.max()
+    return float(np.linalg.norm(basis[:, identified].T @ small[:n, n]) / np.sqrt(n))
 
 
 def leverages(jacobian: np.ndarray) -> np.ndarray:
-    """Share of each row's residual that the unknowns take up, (rows,)."""
+    """Share of each row's residual that the unknowns absorb, (rows,)."""
     size = np.linalg.norm(jacobian, axis=0)
     scaled = jacobian / np.where(size > 0, size, 1.0)
     s, v = spectrum(scaled, np.ones(len(size)))
-    told = s > TOLD * s.max(initial=0.0)
-    return np.sum((scaled @ (v[:, told] / s[told])) ** 2, axis=1)
+    identified = s > TOLD * s.max(initial=0.0)
+    return np.sum((scaled @ (v[:, identified] / s[identified])) ** 2, axis=1)

@@ -1,4 +1,4 @@
-"""Numbers to be found: where they stand in a model, their bounds and what is known before."""
+"""Unknowns: their positions in a model, bounds and priors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wormopt.model.values import numbers
 
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """A number to be found, or one for every entry of a signal.
+    """An unknown number, or one for every entry of a signal.
 
     Where targets are given, it is one number c, and every entry of a target is c times its
     direction, summed over all unknowns that have it as a target; entries of direction 0 keep
@@ -90,7 +90,7 @@ class Unknown:
             raise ArgumentError(f"{self.name}: prior needs a finite mean and a positive deviation")
 
     def directions(self, model: Model) -> list[tuple[str, dict[str, np.ndarray]]]:
-        """Say where each of its numbers stands.
+        """Positions of its numbers in the model.
 
         Parameters
         ----------
@@ -146,13 +146,13 @@ class Unknown:
 
 
 def shapes_of(model: Model) -> dict[str, tuple[int, ...]]:
-    """Shape of the values of everything that may be sought."""
+    """Shape of the values of all possible unknowns."""
     signals = {s.name: (s.size,) for s in (*model.x, *model.p, *model.u)}
     return {s.name: s.values.shape for s in model.schedules} | signals
 
 
 def _entry(name: str, shapes: Mapping[str, tuple[int, ...]]) -> tuple[str, int | None]:
-    """Take "friction_forward[0]" apart."""
+    """Split "friction_forward[0]"."""
     match = re.fullmatch(r"(.+)\[(\d+)\]", name)
     signal, entry = (match[1], int(match[2])) if match and name not in shapes else (name, None)
     if signal not in shapes:

@@ -18,11 +18,11 @@ class BoundaryProblem:
 
     y: ca.SX  # (n_y, 1) symbols of the states
     p: ca.SX  # (n_p, 1) symbols of unknown numbers
-    given: ca.SX  # (n_given, 1) symbols of the numbers by which solutions are followed
+    given: ca.SX  # (n_given, 1) symbols of the parameters of continuation
     ode: ca.SX  # (n_y, 1) in y, p and given
     start: ca.SX  # (n_y, 1) symbols of the states at 0
     end: ca.SX  # (n_y, 1) symbols of the states at 1
-    conditions: ca.SX  # (n_y + n_p, 1) in start, end, p and given; vanish
+    conditions: ca.SX  # (n_y + n_p, 1) in start, end, p and given; 0 for solutions
     names: tuple[str, ...]  # of the states
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from wormopt.model.given import check_kind, check_number
 
 @dataclass(frozen=True, eq=False)
 class Delay:
-    """What a signal was some time ago: ``symbol(t) = signal(t - lag)``.
+    """Signal some time ago: ``symbol(t) = signal(t - lag)``.
 
     Parameters
     ----------

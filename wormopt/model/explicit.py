@@ -21,7 +21,7 @@ Values = Mapping[str, ArrayLike]
 
 
 class Described(Protocol):
-    """What is read of a `Model`, which is not imported here since its `to_control` leads here."""
+    """Part of `Model` used here; Model itself imports this module in `to_control`."""
 
     @property
     def name(self) -> str: ...
@@ -46,12 +46,12 @@ class Described(Protocol):
     @property
     def schedules(self) -> Sequence[Any]: ...
     def check_laws(self) -> None:
-        """Refuse laws by symbols of nothing."""
+        """Refuse laws with symbols that no part of the model has."""
         ...
 
 
 def import_control() -> Any:
-    """Import python-control, which takes two seconds: only for what cannot do without."""
+    """Import python-control, which takes two seconds, only when needed."""
     return import_module("control")
 
 
@@ -68,20 +68,20 @@ def _slices(sizes: Iterable[int]) -> list[slice]:
 
 @dataclass(frozen=True, eq=False)
 class Explicit:
-    """States' rates and chosen outputs of a Model whose contacts follow the smooth law.
+    """Rates of states and chosen outputs of a Model whose contacts follow the smooth law.
 
-    Switches of the model are left out: it is what holds between two of them. Raises
+    Switches are left out: the equations apply between two of them. Raises
     UnknownNameError for an unknown output, ArgumentError if there are algebraic variables.
     """
 
     model: Described
-    output: str | Sequence[str]  # names in the order wanted; a name counts once
+    output: str | Sequence[str]  # names in the order wanted, duplicates dropped
 
     def __post_init__(self) -> None:
         if len(self.model.z) > 0:
             raise ArgumentError(f"{self.model.name} has algebraic variables; solve for them first")
         if getattr(self.model, "delays", ()):
-            raise ArgumentError(f"{self.model.name} has delays: its states do not tell its rates")
+            raise ArgumentError(f"{self.model.name} has delays: states do not determine its rates")
         self.model.check_laws()
         _ = self.outputs
 
@@ -127,7 +127,7 @@ class Explicit:
         return self._smooth[1]
 
     def function(self, name: str, *wanted: ca.SX | str) -> ca.Function:
-        """Make a function `name` of `symbols`, in their order.
+        """Make a CasADi function of `symbols`, in their order.
 
         `wanted`: expressions it gives, or "rates" or "observed".
         """
@@ -135,7 +135,7 @@ class Explicit:
         return ca.Function(name, list(self.symbols.values()), [ca.densify(r) for r in results])
 
     def scheduled(self, t: float) -> np.ndarray:
-        """Values that schedules give the symbols ``s`` at `t`; at a break the later piece."""
+        """Values of the scheduled symbols ``s`` at `t`; at a break those of the later piece."""
         columns = [np.zeros(0)]
         for schedule in self.model.schedules:
             begin, piece = schedule.locate(np.array([t]))
@@ -177,7 +177,7 @@ class Explicit:
         )
 
     def _evaluator(self, wanted: ca.SX) -> Callable[[float, Any, Any, dict[str, Any]], np.ndarray]:
-        """Make a function as python-control calls it; one thread at a time may."""
+        """Make a function as python-control calls it; not thread-safe."""
         symbols = list(self.symbols.values())
         function = ca.Function("f", [ca.vertcat(*symbols)], [ca.densify(wanted)])
         given, result = np.zeros(function.nnz_in(0)), np.zeros(function.nnz_out(0))

@@ -1,7 +1,7 @@
-"""Friction laws of one contact: a smooth force for ODE solvers, set-valued facts for the others.
+"""Friction laws of one contact: smooth forces for ODE solvers, set-valued laws for others.
 
-The numbers of a law may be CasADi symbols, so that they can be swept in one compiled model; what
-is symbolic is not checked.
+Values of a law may be CasADi symbols, so that one compiled model serves many values; symbols
+are not checked.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Expression = ca.SX | float
 
 @runtime_checkable
 class Law(Protocol):
-    """What a solver may ask of a friction law; forces act on the worm, velocities are its own.
+    """Friction law as solvers use it; forces act on the worm, velocities are those of the contact.
 
-    A law is told once and read in two ways: ``smooth`` is the regularised force, ``slip_force``
+    A law has two forms: ``smooth`` is the regularised force, ``slip_force``
     and ``stick_interval`` are the set-valued law itself. Each is the limit of the other as
     ``v_reg`` tends to 0.
 
@@ -84,7 +84,7 @@ class Law(Protocol):
 
 
 def _ascend(*values: Expression) -> bool:
-    """Whether the numbers among the values ascend, weakly; NaN never does."""
+    """Whether the numbers among the values ascend, weakly; False for NaN."""
     last = -math.inf
     for value in values:
         if not isinstance(value, ca.SX):
@@ -100,14 +100,14 @@ def positive(value: Expression) -> bool:
 
 
 class _TwoWay:
-    """What laws share that let a contact slide in both directions."""
+    """Common part of laws that let a contact slide in both directions."""
 
     forward: Expression
     backward: Expression
 
     @property
     def directions(self) -> tuple[int, ...]:
-        """Those in which the force is finite."""
+        """Directions in which the force is finite."""
         ways = ((1, self.forward), (-1, self.backward))
         return tuple(way for way, force in ways if isinstance(force, ca.SX) or force < math.inf)
 
@@ -157,7 +157,7 @@ def check_numbers(law: Any, optional: Sequence[str] = ()) -> None:
     Those that are `optional` may be None.
     """
     for name, value in fields_of(law).items():
-        if isinstance(value, float) or (value is None and name in optional):  # the usual first
+        if isinstance(value, float) or (value is None and name in optional):  # the usual case first
             continue
         if getattr(value, "ndim", None) == 0:
             make_plain(law, name)
@@ -171,7 +171,7 @@ def check_numbers(law: Any, optional: Sequence[str] = ()) -> None:
 
 
 def _check_forces(slide: Expression, stick: Expression | None) -> None:
-    """Refuse forces against motion one way and against being moved that way that do not fit."""
+    """Refuse sliding forces above the stiction force of the same direction."""
     if not _ascend(0.0, slide, *(() if stick is None else (stick,))):
         raise ArgumentError("friction forces must satisfy 0 <= sliding force <= stiction force")
 
@@ -221,7 +221,7 @@ class Coulomb(_TwoWay):
         return -ahead, behind
 
     def _slip(self, v: Expression, direction: int) -> Expression:
-        """Constant force against ``direction``; ``v`` does not matter."""
+        """Constant force against ``direction``, whatever ``v``."""
         return -self.forward if direction > 0 else self.backward
 
 
@@ -338,7 +338,7 @@ class Viscous(_TwoWay):
 
 
 class _Holding:
-    """What laws share that hold without limit; `scale` is the size of their smooth stand-ins."""
+    """Common part of laws that hold without limit; `scale` is the size of their smooth force."""
 
     scale: Expression
 

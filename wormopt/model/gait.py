@@ -17,11 +17,11 @@ from wormopt.quantities import unit_of
 from wormopt.shown import Part, html
 
 _ARRAYS = ("breaks", "polynomial", "omega", "cosine", "sine")
-# Columns of a table: what is derived from lengths so many times.
+# Columns of a table, by the number of derivatives.
 _COLUMNS = ("length", "rate", "acceleration")
-# Rows of a table that a periodic cubic spline can join.
+# Fewest rows of a table for a periodic cubic spline.
 _FEWEST_ROWS = 4
-# A time so near to a break, in periods, is the break's; so much of a step is no step.
+# Times within this distance of a break, in periods, are at the break; shorter steps are none.
 _AT_BREAK, _NO_STEP = 1e-13, Fraction(1, 10**6)
 
 
@@ -111,7 +111,7 @@ class Gait:
         return self.polynomial.shape[2] - 1 if self.omega is None else None
 
     def on_piece(self, piece: int, s: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Evaluate one piece's formula; it may be continued beyond the piece.
+        """Evaluate the formula of one piece; it may be continued beyond the piece.
 
         Parameters
         ----------
@@ -139,16 +139,16 @@ class Gait:
         angle, factor = self.omega[piece] * s, self.omega[piece] ** derivative
         turn = derivative * np.pi / 2  # each derivative turns the phase by a quarter
         cosine, sine = self.cosine[piece][:, None], self.sine[piece][:, None]
-        # exact quarter turns keep cos(pi/2) from leaving 6e-17 behind
+        # exact quarter turns avoid the 6e-17 of cos(pi/2)
         c, n = np.round(np.cos(turn)), np.round(np.sin(turn))
         cos_d = c * np.cos(angle) - n * np.sin(angle)
         sin_d = c * np.sin(angle) + n * np.cos(angle)
         return values + factor * (cosine * cos_d + sine * sin_d)
 
     def __call__(self, t: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Evaluate at times (m,), periodically; at a break the later piece counts.
+        """Evaluate at times (m,), periodically; at a break the later piece applies.
 
-        Gives lengths, rates, accelerations, ... (n, m), by the order of the time derivative.
+        Returns lengths, rates, accelerations, ... (n, m), by the order of the time derivative.
         """
         t = np.mod(np.atleast_1d(np.asarray(t, dtype=float)), self.period)
         which = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, self.pieces - 1)
@@ -236,7 +236,7 @@ class Gait:
         if derivatives not in range(len(_COLUMNS)):
             raise ArgumentError(f"derivatives must be 0, 1 or 2, not {derivatives!r}")
         t = _instants(self.period, samples, step)
-        # a time rounded otherwise than the break it means would show the piece before
+        # a time rounded otherwise than its break would give the piece before
         nearest = self.breaks[np.abs(t[:, None] - self.breaks).argmin(axis=1)]
         at = np.where(np.abs(t - nearest) <= _AT_BREAK * self.period, nearest, t)
         columns = np.vstack([t, *(self(at, k) for k in range(derivatives + 1))])
@@ -247,9 +247,9 @@ class Gait:
     def _header(self, derivatives: int, units: Literal["dimensionless", "SI"]) -> Iterator[str]:
         kinds = ("length", "speed", "acceleration")
         unit = [unit_of(quantity, units) for quantity in ("time", *kinds)]
-        told = ["" if u == "1" else f" [{u}]" for u in unit]
-        yield f"time{told[0]}"
-        for name, its in zip(_COLUMNS[: derivatives + 1], told[1:], strict=False):
+        suffixes = ["" if u == "1" else f" [{u}]" for u in unit]
+        yield f"time{suffixes[0]}"
+        for name, its in zip(_COLUMNS[: derivatives + 1], suffixes[1:], strict=False):
             yield from (f"{name}_{j}{its}" for j in range(self.links))
 
     @classmethod
@@ -284,8 +284,8 @@ class Gait:
         """
         from wormopt.model.gait_table import read_gait  # which loads SciPy
 
-        breaks, polynomial, said = read_gait(Path(path), units)
-        return cls(breaks, polynomial, warnings=said)
+        breaks, polynomial, warnings = read_gait(Path(path), units)
+        return cls(breaks, polynomial, warnings=warnings)
 
 
 def _instants(period: float, samples: int, step: float | None) -> np.ndarray:

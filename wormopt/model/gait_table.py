@@ -18,14 +18,14 @@ from wormopt.tables import TextTable, Wrong, read_table, unit_meant
 from wormopt.units import scale
 
 _FEWEST_ROWS = 4
-# How far the last row may be from the first, and the last time from the cycle, relatively.
+# Relative tolerance of the last row to the first, and of the last time to the cycle.
 _CLOSED = 1e-9
-# Instants so near to each other, in periods, are one.
+# Instants closer than this, in periods, are one.
 _AT_BREAK = 1e-13
 _LARGEST = 1e30
-# Part of a link's range by which a spline may leave the rows without a word.
+# Share of a link's range by which a spline may leave the rows without a warning.
 _FREE = 0.01
-# Places between two rows at which a spline is compared with them.
+# Number of places between two rows at which a spline is compared with them.
 _BETWEEN = np.linspace(0.0, 1.0, 18)[1:-1]
 # Lines of a file that a message names.
 _NAMED = 3
@@ -34,12 +34,12 @@ _SKIPPED = ("rate", "acceleration")
 
 
 def remark_of_gait(signal: str, cycle: float, unit: str) -> str:
-    """Return the remark by which an exported table is read back: whose columns, which cycle."""
+    """Remark from which an exported table is read back: its gait's columns and cycle."""
     return f"gait: {signal}, cycle {cycle!r}{'' if unit == '1' else f' {unit}'}"
 
 
 def signal_of(remark: str) -> str:
-    """Signal whose columns are the gait's, "" if the remark is another."""
+    """Signal of the gait's columns, "" if the remark is not of a gait."""
     found = _OF_GAIT.fullmatch(remark)
     return found["signal"] if found else ""
 
@@ -47,7 +47,7 @@ def signal_of(remark: str) -> str:
 def read_gait(
     path: Path, units: Literal["dimensionless", "SI"]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Breaks and polynomials of a gait in a table, and what to know about them.
+    """Breaks and polynomials of a gait in a table, and warnings.
 
     Raises ArgumentError if there is no gait, OSError if the file cannot be read.
     """
@@ -62,7 +62,7 @@ def read_gait(
             f"{path.name} has no column of lengths besides the times, only {there}; write a "
             f"header t,l_0,l_1,... and at least {_FEWEST_ROWS} rows"
         )
-    # what is wrong in columns that are not read is no matter
+    # faults of other columns do not matter
     for column, what in wrong:
         if column in ("", time, *columns):
             raise ArgumentError(f"{path.name}{what}")
@@ -72,7 +72,7 @@ def read_gait(
     try:
         factors = [_factor(time, "s", table, units)]
         factors += [_factor(name, "m", table, units) for name in columns]
-        with np.errstate(over="ignore"):  # what is too large is refused below
+        with np.errstate(over="ignore"):  # too large values are refused below
             values = [
                 f * np.array(table.values[n])
                 for f, n in zip(factors, [time, *columns], strict=True)
@@ -88,13 +88,13 @@ def read_gait(
 
 
 def _roles(table: TextTable) -> tuple[str, list[str], tuple[str, str] | None]:
-    """Column of times, columns of lengths, and the cycle and its unit if the file tells it."""
+    """Column of times, columns of lengths, and cycle and unit if the file gives them."""
     names = list(table.values)
     time = next((name for name in names if name.lower() in ("t", "time")), names[0])
-    said = next((m for m in map(_OF_GAIT.fullmatch, table.remarks) if m), None)
-    if said is not None:
-        own = [name for name in names if re.fullmatch(rf"{said['signal']}_\d+", name)]
-        return time, own, (said["cycle"], said["unit"] or "")
+    remark = next((m for m in map(_OF_GAIT.fullmatch, table.remarks) if m), None)
+    if remark is not None:
+        own = [name for name in names if re.fullmatch(rf"{remark['signal']}_\d+", name)]
+        return time, own, (remark["cycle"], remark["unit"] or "")
     own = [name for name in names if re.fullmatch(r"length(_\d+)?", name)]
     if not own or not time.startswith("time"):
         own = [name for name in names if name != time and not name.startswith(_SKIPPED)]
@@ -102,10 +102,10 @@ def _roles(table: TextTable) -> tuple[str, list[str], tuple[str, str] | None]:
 
 
 def _factor(name: str, wanted: str, table: TextTable, units: str) -> float:
-    """What a column is multiplied by, to be in s or m."""
+    """Factor that converts a column to s or m."""
     unit = table.units.get(name, "")
     bare, meant = unit_meant(name)
-    # without units names may end in letters that are units elsewhere, as l_m of a middle link
+    # without units a name may end like a unit, such as l_m of a middle link
     meant = "" if units != "SI" and name == f"{bare}_{meant}" else meant
     if not unit and meant and (units != "SI" or meant != wanted):
         written = f"{bare or 'l_0'} [{meant}]" if units == "SI" else bare or "l_0"
@@ -147,7 +147,7 @@ def _size(unit: str, wanted: str, units: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Times (m,) and lengths (n, m), NaN for gaps, and where they are in the file."""
+    """Times (m,) and lengths (n, m), NaN for gaps, with their lines in the file."""
 
     t: np.ndarray
     lengths: np.ndarray
@@ -156,7 +156,7 @@ class _Rows:
     time: str
 
     def closed(self, cycle: float | None) -> _Rows:
-        """Rows over one closed period, checked; the last one repeats the first."""
+        """Checked rows over one closed period; the last one repeats the first."""
         rows = self if cycle is None else self.within(cycle)
         if len(rows.t) < (_FEWEST_ROWS if cycle is None else _FEWEST_ROWS - 1):
             count = f"{len(rows.t)} row{'s' * (len(rows.t) != 1)}"
@@ -165,13 +165,13 @@ class _Rows:
         return (rows if cycle is None else rows.up_to(cycle)).repeating()
 
     def within(self, cycle: float) -> _Rows:
-        """Rows up to the end of a cycle, which a file may go on behind."""
+        """Rows up to the end of a cycle; a file may go on after it."""
         kept = np.flatnonzero(~(self.t > cycle * (1 + _CLOSED)))
         lines = [self.lines[k] for k in kept.tolist()]
         return replace(self, t=self.t[kept], lengths=self.lengths[:, kept], lines=lines)
 
     def check(self) -> None:
-        """Refuse times that do not ascend from 0, and lengths that no link has."""
+        """Refuse times that do not ascend from 0, and lengths that are not positive."""
         t, lines = self.t, self.lines
         for k in range(len(t)):
             if not math.isfinite(t[k]):
@@ -198,7 +198,7 @@ class _Rows:
         )
 
     def up_to(self, cycle: float) -> _Rows:
-        """Rows up to the end of a cycle, where the lengths of the first row return."""
+        """Rows up to the end of a cycle, at which the lengths of the first row return."""
         t, end = self.t, self.t[-1]
         if end >= cycle * (1 - _CLOSED):
             return replace(self, t=np.append(t[:-1], cycle))
@@ -211,7 +211,7 @@ class _Rows:
         )
 
     def repeating(self) -> _Rows:
-        """Rows of which the last repeats the first exactly; instants with two rows are breaks."""
+        """Rows whose last repeats the first exactly; instants with two rows are breaks."""
         t, lengths, lines = self.t.copy(), self.lengths.copy(), self.lines
         for name, row in zip(self.names, lengths, strict=True):
             for k in (0, -1):
@@ -228,7 +228,7 @@ class _Rows:
                 "closed period"
             )
         lengths[:, -1] = lengths[:, 0]
-        # tables of pandas have breaks the last digit apart
+        # in tables of pandas breaks may differ in the last digit
         near = np.flatnonzero(np.diff(t) < _AT_BREAK * t[-1])
         t[near] = t[near + 1]
         for k in near.tolist():
@@ -248,7 +248,7 @@ class _Rows:
         """Breaks, polynomials (pieces, n, 4), and warnings."""
         breaks = np.unique(self.t)
         found = np.empty((len(breaks) - 1, len(self.names), 4))
-        said: list[str] = []
+        warnings: list[str] = []
         for link, name in enumerate(self.names):
             there = np.isfinite(self.lengths[link])
             count = int(np.sum(~there))
@@ -257,10 +257,10 @@ class _Rows:
                     f": column {name} has {there.sum()} numbers; write at least {_FEWEST_ROWS} rows"
                 )
             if count:
-                said.append(f"column {name}: {count} gaps are bridged by interpolation")
+                warnings.append(f"column {name}: {count} gaps are bridged by interpolation")
             found[:, link], more = self._link(link, there, breaks)
-            said += more
-        return breaks, found, tuple(said)
+            warnings += more
+        return breaks, found, tuple(warnings)
 
     def _link(
         self, link: int, there: np.ndarray, breaks: np.ndarray
@@ -269,7 +269,7 @@ class _Rows:
         lines, name = np.array(self.lines)[there], self.names[link]
         size = max(float(np.ptp(lengths)), _CLOSED * float(lengths.max()))
         ends = [0, *(np.flatnonzero(np.diff(t) == 0) + 1), len(t)]
-        found, said = np.empty((len(breaks) - 1, 4)), list[str]()
+        found, warnings = np.empty((len(breaks) - 1, 4)), list[str]()
         for first, last in pairwise(ends):
             if last - first < 2:  # a break at 0 or at the period
                 continue
@@ -281,19 +281,19 @@ class _Rows:
             at = ", ".join(map(str, beyond[:_NAMED])) + ", ..." * (len(beyond) > _NAMED)
             if excess.max() > _as_a_sine(last - first - 1) or _least(spline) <= 0:
                 spline = _pchip(t[part], lengths[part], periodic=whole)
-                said.append(
+                warnings.append(
                     f"column {name} is steep (after line {at}): its lengths are interpolated by "
                     "PCHIP, whose accelerations jump at the rows; write more rows there"
                 )
             elif beyond.size:
-                said.append(
+                warnings.append(
                     f"column {name}: the spline adds up to {100 * excess.max():.2g} % to the range "
                     f"of the table (after line {at}); write more rows there"
                 )
             inside = (breaks[:-1] >= t[first]) & (breaks[:-1] < t[last - 1])
             for k in range(4):
                 found[inside, k] = spline(breaks[:-1][inside], k) / math.factorial(k)
-        return found, said
+        return found, warnings
 
 
 # -- interpolation ---------------------------------------------------------------------------------
@@ -308,7 +308,7 @@ def _pchip(t: np.ndarray, lengths: np.ndarray, *, periodic: bool) -> PPoly:
     """Piecewise cubic that stays between the rows (Fritsch and Butland)."""
     if not periodic:
         return PchipInterpolator(t, lengths)
-    # its slopes depend on the two neighbours
+    # slopes depend on both neighbours
     before, after = t[-3:-1] - t[-1], t[1:3] + t[-1]
     return PchipInterpolator(
         np.concatenate([before, t, after]),
@@ -324,7 +324,7 @@ def _between(spline: PPoly, rows: int) -> np.ndarray:
 
 
 def _excess(spline: PPoly, lengths: np.ndarray) -> np.ndarray:
-    """How far a spline leaves the lengths of the two rows beside it, between each two."""
+    """Excess of a spline over the lengths of its two adjacent rows, for each interval."""
     values = _between(spline, len(lengths))
     low, high = np.minimum(lengths[:-1], lengths[1:]), np.maximum(lengths[:-1], lengths[1:])
     return np.maximum(np.maximum(values.max(axis=1) - high, low - values.min(axis=1)), 0.0)
@@ -335,7 +335,7 @@ def _least(spline: PPoly) -> float:
 
 
 def _as_a_sine(rows: int) -> float:
-    """Share of the range by which a spline may leave its rows and still pass for smooth.
+    """Share of the range by which a spline of a smooth table may leave its rows.
 
     A sine with its extremes in the middle between rows leaves them by (1 − cos a)/(2 cos a) of
     the range of the table, with a = π over the rows per period; steep tables by far more.

@@ -1,4 +1,4 @@
-"""Numbers that users give, one for all or one for each, kept frozen and checked."""
+"""Values that users give, one for all or one for each, frozen and checked."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Numbers = float | Sequence[float]
 
 
 def per(value: Numbers, count: int) -> tuple[float, ...]:
-    """One number for each of `count` things, from one number or a list, which stays as it is."""
+    """One number for each of `count` things, from one number or a list, which is kept."""
     return tuple(value) if isinstance(value, Iterable) else (value,) * count
 
 
@@ -31,18 +31,18 @@ def _names(kind: type) -> tuple[str, ...]:
 
 
 def plain(value: Any) -> Any:
-    """A scalar of numpy, or an array of none but one entry, as a number; all else as it is."""
+    """Convert NumPy scalars and arrays of no dimension to numbers; leave all else."""
     return value.item() if getattr(value, "ndim", None) == 0 else value
 
 
 def make_plain(given: object, *names: str) -> None:
-    """Keep scalars of numpy as numbers in these fields of a frozen dataclass."""
+    """Convert NumPy scalars to numbers in these fields of a frozen dataclass."""
     for name in names:
         object.__setattr__(given, name, plain(getattr(given, name)))
 
 
 def _frozen(value: Any) -> Any:
-    """Lists as tuples, at any depth, and scalars of numpy as numbers: tasks can be hashed."""
+    """Convert lists to tuples, at any depth, and NumPy scalars to numbers, for hashing."""
     value = plain(value)
     if isinstance(value, Iterable) and not isinstance(value, str):
         return tuple(_frozen(item) for item in value)
@@ -50,7 +50,7 @@ def _frozen(value: Any) -> Any:
 
 
 class Frozen:
-    """Base of what users write: whatever is given as a list or an array is kept as a tuple."""
+    """Base of classes that users construct: keeps lists and arrays as tuples."""
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:  # pyright: ignore[reportAttributeAccessIssue]
@@ -58,7 +58,7 @@ class Frozen:
 
 
 def is_number(value: Any, least: float, most: float = sys.float_info.max) -> bool:
-    """Whether it is a number from `least` to `most`; neither NaN nor a truth value is one."""
+    """Whether it is a number from `least` to `most`; NaN and booleans are not."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return False
     return bool(least <= value <= most)  # pyright: ignore[reportOperatorIssue]
@@ -103,7 +103,7 @@ def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
 
 
 def names_in(what: str, given: str | Iterable[str]) -> list[str]:
-    """Names in their order, each once, from one or several; ArgumentError if there are others."""
+    """Names from one or several, in order and without duplicates; else ArgumentError."""
     names = [given] if isinstance(given, str) else given
     if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
         raise ArgumentError(f"{what} must be a name or a list of names, not {given!r:.60}")
@@ -123,7 +123,7 @@ def check_kinds(name: str, values: object, kind: type) -> None:
 
 
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool = True) -> Iterator[Fault]:
-    """Yield a fault for a range whose ends are the wrong way round."""
+    """Yield a fault for a range whose ends are in the wrong order."""
     low, high = pair
     if low > high or (low == high and not may_be_equal):
         yield key, f"the range [{low:g}, {high:g}] is empty; write the smaller number first"

@@ -1,4 +1,4 @@
-"""Numbers of a friction law or a control law turned into parameters of a model."""
+"""Values in friction and control laws turned into parameters of a model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from wormopt.model.model import TINY, Signal
 
 T = TypeVar("T")
 
-_FRICTION = {
+# Quantity of each number of a friction law, by the name of its field.
+QUANTITIES = {
     "forward": "force",
     "backward": "force",
     "stick_forward": "force",
@@ -24,7 +25,7 @@ _FRICTION = {
     "v_stribeck": "speed",
     "drag": "drag",
 }
-# Of friction and control laws alike; what is not in it may be any number.
+# Of friction and control laws; other fields may be any number.
 _LEAST = {
     **dict.fromkeys(("forward", "backward", "stick_forward", "stick_backward", "drag"), 0.0),
     **dict.fromkeys(("scale", "v_stribeck", "growth", "dwell", "start", "end", "time"), TINY),
@@ -34,11 +35,11 @@ _LEAST = {
 
 
 def lift(
-    laws: Sequence[T], prefix: str = "friction", units: Mapping[str, str] = _FRICTION
+    laws: Sequence[T], prefix: str = "friction", units: Mapping[str, str] = QUANTITIES
 ) -> tuple[tuple[T, ...], tuple[Signal, ...]]:
     """Replace every number in the fields of laws by a symbol: one compiled model serves all.
 
-    Gives the laws with symbols, and parameters ``<prefix>_<field>`` with one scalar per law
+    Returns the laws with symbols, and parameters ``<prefix>_<field>`` with one scalar per law
     that has a number there, in order. Fields that are None or symbols stay.
     """
     own = [_numbers(law) for law in laws]

@@ -1,4 +1,4 @@
-"""Model: what a worm is and where it touches the ground, as CasADi expressions and no more."""
+"""Model: a worm and its contacts with the ground as CasADi expressions."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from wormopt.quantities import check_quantity
 from wormopt.shown import lines, listed
 
 TINY = math.ulp(0.0)
-"""Smallest number above 0: the lower bound of what must be positive."""
+"""Smallest number above 0: the lower bound of positive values."""
 
 
 def _symbolic(whose: str, what: str, given: object, *, pure: bool = False) -> None:
-    """Refuse names and numbers where expressions belong; `pure`: expressions where symbols do."""
+    """Refuse names and numbers in place of expressions; `pure`: expressions in place of symbols."""
     if not isinstance(given, ca.SX):
         raise ArgumentError(
             f"{whose}: {what} must be an expression of CasADi's SX symbols, ca.SX.sym({what!r}) "
@@ -46,7 +46,7 @@ def _symbolic(whose: str, what: str, given: object, *, pure: bool = False) -> No
 
 
 def _check_column(whose: str, what: str, given: ca.SX, size: int, things: str) -> None:
-    """Refuse an expression that is no column of `size`; without entries its shape is all one."""
+    """Refuse an expression that is no column of `size`; an empty one may have any shape."""
     if given.shape != (size, 1) and not given.numel() == size == 0:
         raise ArgumentError(
             f"{whose}: {what} must be a column of {size}, one for each {things}, not of the shape "
@@ -55,7 +55,6 @@ def _check_column(whose: str, what: str, given: ca.SX, size: int, things: str) -
 
 
 def _check_names(whose: str, what: str, names: Sequence[str]) -> None:
-    """Refuse a name that is given twice."""
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise ArgumentError(
@@ -161,7 +160,7 @@ class Signal:
             If one is too small, too large or, where there are bounds, not a number.
         """
         if self.lower == -math.inf and self.upper == math.inf:
-            return  # NaN may pass: who simulates it is told when
+            return  # NaN may pass: a simulation reports it
         outside = values[~((self.lower <= values) & (values <= self.upper))]
         if outside.size:
             raise ArgumentError(f"{self.name} must be {self._range}, not {outside.flat[0]:g}")
@@ -256,7 +255,7 @@ class Contact:
     name: str
     velocity: ca.SX
     force: ca.SX
-    law: Any  # Law, or PlanarLaw in the plane: whoever takes one of them alone says so
+    law: Any  # Law, or PlanarLaw in the plane: code that supports only one refuses the other
     nominal_force: float = 1.0
     nominal_speed: float = 1.0
     gap: ca.SX | None = None
@@ -265,7 +264,7 @@ class Contact:
     def __post_init__(self) -> None:
         check_name("contact", self.name)
         whose, law = f"contact {self.name}", self.law
-        if isinstance(law, type) or not hasattr(law, "slip_force"):  # which laws of both kinds have
+        if isinstance(law, type) or not hasattr(law, "slip_force"):  # both kinds of laws have it
             given = f"the class {law.__name__}" if isinstance(law, type) else f"{law!r:.60}"
             raise ArgumentError(
                 f"{whose}: law must be a friction law, Coulomb(1.0, 10.0) say, not {given}"
@@ -289,8 +288,8 @@ class Contact:
 
     @property
     def planar(self) -> bool:
-        """Whether it moves in the plane: its law is a PlanarLaw, which alone has a gauge."""
-        return hasattr(self.law, "gauge")  # to ask for the protocol takes a hundred times as long
+        """Whether it moves in the plane: only a PlanarLaw has a gauge."""
+        return hasattr(self.law, "gauge")  # checking the protocol takes a hundred times as long
 
 
 @dataclass(frozen=True, eq=False)
@@ -432,7 +431,7 @@ class Model:
 
     @property
     def symbols(self) -> list[ca.SX]:
-        """Columns of all symbols that its expressions may hold."""
+        """Columns of all symbols allowed in its expressions."""
         walls = [c.normal_force for c in self.contacts if c.normal_force is not None]
         schedules = [column for s in self.schedules for column in (s.symbol, s.begin)]
         signals = [*self.x, *self.z, *self.u, *self.p, *self.delays]
@@ -460,20 +459,20 @@ class Model:
         whose = f"model {self.name}"
         others = (*self.z, *self.u, *self.p, *self.delays)
         _check_names(whose, "signals", [signal.name for signal in (*self.x, *others)])
-        # an output may show an input or an algebraic variable under its own name
+        # an output may have the name of an input or an algebraic variable and show it
         _check_names(whose, "states or outputs", [part.name for part in (*self.x, *self.outputs)])
         for what in ("contacts", "switches", "schedules"):
             _check_names(whose, what, [part.name for part in getattr(self, what)])
 
     def _check_velocities(self) -> None:
-        """Refuse contact forces in velocities of contacts: no law would know which it answers."""
+        """Refuse contact forces in contact velocities: laws could not determine the forces."""
         walls = (c.normal_force for c in self.contacts if c.normal_force is not None)
         forces = ca.vertcat(self.forces, *walls)
         if not ca.depends_on(self.contact_velocities, forces):
             return
         name = next(c.name for c in self.contacts if ca.depends_on(c.velocity, forces))
         raise ArgumentError(
-            f"contact {name}: velocity holds forces of contacts; write it by the states"
+            f"contact {name}: velocity contains forces of contacts; write it by the states"
         )
 
     def check_laws(self) -> None:
@@ -502,17 +501,17 @@ class Model:
                     )
 
     def _of_laws(self) -> ca.SX:
-        """Symbolic numbers of the laws: builders take them before a Model does as parameters."""
+        """Symbols in the laws: builders use them before the Model declares them as parameters."""
         numbers = (fields_of(contact.law).values() for contact in self.contacts)
         own = [ca.vec(one) for each in numbers for one in each if isinstance(one, ca.SX)]
         return ca.vertcat(_NONE, *own)
 
     def __repr__(self) -> str:
         parts = {"states": self.x, "algebraic": self.z, "inputs": self.u, "parameters": self.p}
-        told = [f"{what} {listed(signals)}" for what, signals in parts.items() if signals]
+        known = [f"{what} {listed(signals)}" for what, signals in parts.items() if signals]
         touching = ", ".join(contact.name for contact in self.contacts)
         contacts = f"contacts {touching}" if touching else "no contacts"
-        return lines(f"Model {self.name}: {'; '.join(told[:1])}; {contacts}", "; ".join(told[1:]))
+        return lines(f"Model {self.name}: {'; '.join(known[:1])}; {contacts}", "; ".join(known[1:]))
 
     @property
     def n_x(self) -> int:
@@ -534,7 +533,7 @@ class Model:
         """
         if self.delays:
             names = ", ".join(delay.name for delay in self.delays)
-            raise ArgumentError(f"{what} knows no delays, and {self.name} has some: {names}")
+            raise ArgumentError(f"{what} does not support delays, and {self.name} has {names}")
 
     @property
     def forces(self) -> ca.SX:
@@ -553,11 +552,11 @@ class Model:
 
     @property
     def delassus(self) -> ca.SX:
-        """Matrix d(contact accelerations) / d(contact forces), by which rest is decided."""
+        """Matrix d(contact accelerations) / d(contact forces), which decides modes of contacts."""
         return ca.jacobian(self.contact_accelerations, self.forces)
 
     def places(self) -> tuple[Signal, ...]:
-        """Signals of the places, where the states are places and then their rates.
+        """Signals of the positions, if the states are positions followed by their rates.
 
         Returns
         -------
@@ -654,7 +653,7 @@ class Model:
         UnknownNameError
             If there is no such output.
         """
-        # here, not above: only who asks for it needs it
+        # imported only when needed
         from wormopt.model.explicit import Explicit
 
         return Explicit(self, output).to_control(v_reg, p or {})
@@ -682,13 +681,13 @@ def check_symbols(
     symbols in `others` pass.
     """
     held = [one if one.is_column() else ca.vec(one) for _, one in expressions()]
-    # long columns are left to CasADi; scalars, which may be thousands of forces, are looked up
+    # CasADi checks long columns; scalars, which may be thousands of forces, are looked up
     columns = [column for column in known if column.numel() > 1]
     scalars = [column for column in known if column.numel() == 1]
     own = {symbol.element_hash() for symbol in scalars}
     try:
         inner = ca.Function("own", columns, [ca.vertcat(ca.SX(0, 1), *held)], {"allow_free": True})
-    except RuntimeError:  # as symbols stand twice
+    except RuntimeError:  # a symbol occurs twice
         inner = None
     if inner is None or len(own) < len(scalars):
         each = Counter(str(symbol) for column in known for symbol in ca.vertsplit(column))
@@ -724,7 +723,7 @@ def pack(signals: Sequence[Signal | Delay]) -> ca.SX:
 def lie(model: Model, expression: ca.SX) -> ca.SX:
     """Time derivative along a model's ode of a column of its states and time.
 
-    Raises ArgumentError if signals of the past are in it, whose rates the model does not know.
+    Raises ArgumentError if it contains delayed signals, whose rates the model does not know.
     """
     if ca.depends_on(expression, pack(model.delays)):
         raise ArgumentError(f"{model.name}: rates of signals of the past are not known")

@@ -1,4 +1,4 @@
-"""Which contact holds when: mode sequences."""
+"""Mode sequences: the contacts that rest in each phase."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every motion answers, whoever found it: signals by name over its time."""
+"""Interface of all motions: signals by name over time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wormopt.labelled import Samples, dataframe, dataset
 from wormopt.lazy import above
 from wormopt.shown import SHORT, Part, html, lines, text
 
-# Panels of a picture and rows of a table that are shown unasked.
+# Panels of a picture and rows of a table that are shown by default.
 _MOST_PANELS, _MOST_ROWS = 8, 24
 
 if TYPE_CHECKING:
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 class SampledMotion(ABC):
-    """A motion known at instants: simulated, optimal, or crawling in closed form."""
+    """Motion known at instants: simulated, optimal, or a crawl in closed form."""
 
-    time: np.ndarray  # (m,) instants, ascending; where something jumps, one may stand twice
+    time: np.ndarray  # (m,) instants, ascending; duplicated at jumps
 
     @property
     @abstractmethod
@@ -36,7 +36,7 @@ class SampledMotion(ABC):
         """Samples (entries, m) of a signal."""
 
     def dimension(self, name: str) -> str:
-        """Name of the dimension along which a signal of several entries has them."""
+        """Name of the dimension of a signal's entries."""
         return f"{name}_entry"
 
     @property
@@ -54,11 +54,11 @@ class SampledMotion(ABC):
         for name in self.names if len(self.time) else ():
             values = np.atleast_2d(self[name])
             for j, row in enumerate(values):
-                told = f"{name}_{j}" if len(values) > 1 else name
+                label = f"{name}_{j}" if len(values) > 1 else name
                 first, last, least, most = (
                     text(float(number), SHORT) for number in (row[0], row[-1], row.min(), row.max())
                 )
-                rows.append((told, first, last, least, most))
+                rows.append((label, first, last, least, most))
         left = len(rows) - 1 - _MOST_ROWS
         cut = f"; {left} more rows are left out" if left > 0 else ""
         return Part(f"{len(self.time)} instants{cut}", rows[: _MOST_ROWS + 1])

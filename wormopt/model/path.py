@@ -1,4 +1,4 @@
-"""Paths of parameters that vary in time, random ones above all."""
+"""Parameters that vary in time, in particular at random."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class ParameterPath:
         return self.coefficients.transpose(0, 2, 1).reshape(len(self.coefficients), -1)
 
     def __call__(self, t: np.ndarray) -> np.ndarray:
-        """Evaluate at times (m,), as (n, m); at a break the later piece counts."""
+        """Evaluate at times (m,), giving (n, m); at a break the later piece applies."""
         t = np.asarray(t, dtype=float)
         last = len(self.coefficients) - 1
         piece = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, last)
@@ -55,10 +55,10 @@ class ParameterPath:
         return values
 
     def schedule(self, name: str, time: ca.SX) -> tuple[ca.SX, Schedule]:
-        """Turn the path into what a Model takes.
+        """Convert the path for use in a Model.
 
-        Gives the parameters (n, 1) and the Schedule of their symbols. `name` is what is
-        scheduled, "stiffness" say; `time` the model's symbol of time.
+        Returns the parameters (n, 1) and the Schedule of their symbols. `name`: the scheduled
+        quantity, such as "stiffness"; `time`: the model's symbol of time.
         """
         symbol, begin = ca.SX.sym(name, self.values.shape[1]), ca.SX.sym(f"{name}_begin")
         powers = ca.vertsplit(symbol, self.size)
@@ -130,5 +130,5 @@ def _grid(step: float, horizon: float, name: str) -> np.ndarray:
     """Multiples of ``step`` up to the first that reaches the horizon."""
     if not (0 < step < math.inf and 0 < horizon < math.inf):
         raise ArgumentError(f"{name} and horizon must be positive and finite")
-    # A horizon of whole steps shall not get one more by rounding.
+    # rounding must not add a step to a horizon of whole steps
     return step * np.arange(math.ceil(horizon / step * (1 - 1e-12)) + 1)

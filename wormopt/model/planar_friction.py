@@ -14,13 +14,13 @@ import casadi as ca
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Expression, check_numbers, positive
 
-# Steps of Hebden that find the nearest point of an ellipse to rounding.
+# Steps of Hebden's method to find the nearest point of an ellipse to rounding.
 _HEBDEN = 8
 
 
 @runtime_checkable
 class PlanarLaw(Protocol):
-    """What a solver may ask of a friction law in the plane; forces act on the worm.
+    """Friction law in the plane as solvers use it; forces act on the worm.
 
     `slip_force` with `gauge` is the set-valued law, `smooth` the regularised one; each is the
     limit of the other as ``v_reg`` tends to 0.
@@ -37,7 +37,7 @@ class PlanarLaw(Protocol):
     """
 
     associated: bool
-    """Whether slip is normal to the set of forces that hold: then motion follows a minimum."""
+    """Whether slip is normal to the set of holding forces: then motion minimises a function."""
 
     def slip_force(self, v: ca.SX) -> ca.SX:
         """Force while sliding with velocity ``v``.
@@ -103,7 +103,7 @@ class PlanarLaw(Protocol):
 
 
 class _Ellipse:
-    """What laws share whose forces at rest fill an ellipse, of two halves where F+ is not F-."""
+    """Common part of laws with elliptic holding forces; F+ and F- may differ."""
 
     forward: Expression
     backward: Expression

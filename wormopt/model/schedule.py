@@ -89,7 +89,7 @@ class Schedule:
         return len(self.breaks) - 1
 
     def locate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which piece holds at given times; a break within round-off counts as passed.
+        """Indices of the pieces at given times; a break within round-off counts as passed.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ class Schedule:
         return self.start + turn + self.breaks[piece], piece
 
     def next_break(self, t: float) -> float:
-        """When the piece that holds at time t ends, infinity for the last one of what ends.
+        """End of the piece at time t; infinity for the last piece without an end.
 
         Parameters
         ----------

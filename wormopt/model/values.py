@@ -11,9 +11,9 @@ from wormopt.errors import ArgumentError, UnknownNameError
 
 
 def numbers(name: str, given: object) -> np.ndarray:
-    """Array of numbers from whatever a caller wrote; raises ArgumentError if it is none.
+    """Convert to an array of numbers; raises ArgumentError if that is impossible.
 
-    What is masked, or missing in a table of pandas, becomes NaN; spans of time become seconds.
+    Masked values and missing values of pandas become NaN; spans of time become seconds.
     """
     try:
         if not _has_text(given):
@@ -24,7 +24,7 @@ def numbers(name: str, given: object) -> np.ndarray:
 
 
 def _has_text(given: Any) -> bool:
-    """Whether there are texts in it, which NumPy would read as numbers."""
+    """Whether it contains texts, which NumPy would read as numbers."""
     if isinstance(given, list | tuple):
         return any(map(_has_text, given))
     if hasattr(given, "to_numpy"):  # of pandas
@@ -35,16 +35,16 @@ def _has_text(given: Any) -> bool:
 
 
 def column(name: str, given: object, size: int) -> np.ndarray:
-    """Numbers of a column, one or `size`; a matrix of one column is one, a row is none.
+    """Numbers of a column, one or `size`; a matrix of one column is accepted, a row is not.
 
-    Raises ArgumentError if there are others.
+    Raises ArgumentError for another number of entries.
     """
     array = numbers(name, given)
     if array.shape not in ((), (1,), (size,), (1, 1), (size, 1)):
         entries, given = "entry" if size == 1 else "entries", array.size
-        told = f"{given}" if array.ndim < 2 else f"the shape {array.shape}"
+        shown = f"{given}" if array.ndim < 2 else f"the shape {array.shape}"
         wanted = "one number" if size == 1 else f"one number or a list of {size}"
-        raise ArgumentError(f"{name} has {size} {entries}, not {told}; write {wanted}")
+        raise ArgumentError(f"{name} has {size} {entries}, not {shown}; write {wanted}")
     return array.ravel()
 
 
@@ -65,7 +65,7 @@ def _unmasked(given: Any) -> Any:
 
 
 def numbers_of(name: str, given: object, size: int) -> tuple[float, ...]:
-    """As many finite numbers, from one or from all of them; ArgumentError if there are others."""
+    """`size` finite numbers, from one or from all of them; else ArgumentError."""
     values = numbers(name, given)
     if values.shape not in ((), (size,)):
         raise ArgumentError(f"{name} must be one number or {size}, not of the shape {values.shape}")
@@ -80,7 +80,7 @@ def nominal_of(signals: Sequence[Any]) -> np.ndarray:
 
 
 def check_names(given: object, known: Sequence[str], what: str) -> None:
-    """Refuse what is no mapping from names that are known; `what` they name, "state" say.
+    """Refuse anything but a mapping from known names; `what` they name, such as "state".
 
     Raises ArgumentError if it is no mapping, UnknownNameError if it has other names.
     """
@@ -104,10 +104,10 @@ def signal_values(
     what: str,
     fill: float | None = None,
 ) -> np.ndarray:
-    """Stack the values of signals: those given, else those the model brings, else `fill`.
+    """Stack the values of signals: the given ones, else those of the model, else `fill`.
 
-    A number stands for all entries. Raises ArgumentError if a name is unknown, or a value
-    is missing, no number, not of the signal's size or beyond its bounds.
+    One number applies to all entries. Raises ArgumentError if a name is unknown, or a value
+    is missing, not a number, of wrong size or out of bounds.
     """
     given = {} if given is None else given
     check_names(given, [s.name for s in signals], what)

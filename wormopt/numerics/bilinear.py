@@ -1,7 +1,7 @@
 """Programs whose rows are sums of linear terms and of products of two unknowns.
 
 With one factor of every product held, such a program is linear. So is its linearisation, and
-with the held factors fixed both are the same linear program. `BilinearProgram.climb` takes turns:
+with the held factors fixed both are the same linear program. `BilinearProgram.climb` alternates:
 a linearised step within a trust region finds better factors, the linear program with these held
 makes the step feasible again. Where the optimum is a vertex, steps become Newton steps and
 `BilinearProgram.sharpen` ends at machine precision.
@@ -23,17 +23,17 @@ from wormopt.numerics.linearised import Linearised, Point
 # Trust regions, as shares of each held factor.
 _FIRST, _SHRINK, _LARGEST, _SMALLEST = 0.5, 0.25, 1.0, 1e-7
 _REACH = 4.0
-# Steps are never held to less than this share of their mean.
+# Least share of their mean to which steps are limited.
 _SHORTEST_STEP = 0.02
 
 
 @dataclass(frozen=True)
 class Climb:
-    """When a climb is over."""
+    """Stopping criteria of a climb."""
 
-    tolerance: float = 1e-4  # least share of the value that a linearised step must promise
+    tolerance: float = 1e-4  # least relative gain that a linearised step must predict
     steps: int = 60  # most steps
-    # give up where this value is out of reach at four times what a step promises
+    # stop if this value is out of reach at four times the gain that a step predicts
     enough: float = -np.inf
 
 
@@ -41,17 +41,17 @@ class BilinearProgram(Linearised):
     """Maximise row `gain`, or its ratio to the positive row `per`, of a bilinear program.
 
     `held` are columns held in turn: at least one factor of every product.
-    `excess` are costs that are products of columns not held. `tolerance` is how far rows may be
-    off in the linear programs; `sharpen` removes what is left.
+    `excess` are costs that are products of columns not held. `tolerance`: errors of rows in the
+    linear programs, which `sharpen` removes.
     """
 
     def climb(
         self, start: Point, until: Climb, stop: Callable[[Point], bool] = lambda _: False
     ) -> Point:
-        """Improve a feasible point until a linearised step promises nothing more.
+        """Improve a feasible point until a linearised step predicts no more gain.
 
-        Feasible to the solver's tolerance, never worse than `start`, which `restore` gives.
-        `stop` is asked after each step whether to give up.
+        Feasible to the solver's tolerance, never worse than `start`, which `restore` returns.
+        `stop`, called after each step, returns whether to give up.
         """
         best, radius = start, _FIRST
         for _ in range(until.steps):
@@ -86,9 +86,9 @@ class BilinearProgram(Linearised):
     ) -> tuple[Point, np.ndarray]:
         """Move onto the active rows and bounds by Newton's method, to rounding.
 
-        Gives the point, as it was where that would leave the rest, and multipliers (rows,):
-        gain per unit by which a side moves. `radius`: trust region of the active-set step;
-        `lost`: share of the value that exact limits may cost.
+        Returns the point, unchanged if sharpening would violate other rows, and multipliers
+        (rows,): gain per unit by which a side moves. `radius`: trust region of the active-set
+        step; `lost`: share of the value that exact limits may cost.
         """
         multipliers = np.zeros(len(self.row_lower))
         for near in (radius, 1e-3 * radius):
@@ -99,13 +99,13 @@ class BilinearProgram(Linearised):
             x = self._on_active(np.array(found.col_value))
             sharp = point if x is None else Point(x, self.value(x))
             if sharp.value < point.value - lost * abs(point.value):
-                sharp = point  # the step was held by its trust region
+                sharp = point  # the trust region limited the step
             if self.violation(sharp.x) <= 10 * _SHARP:
                 return sharp, multipliers
         return self.inside(point, _MARGIN) or point, multipliers
 
     def _on_active(self, x: np.ndarray) -> np.ndarray | None:
-        """Where all is at its side that is so in the last basis, and what this would break too."""
+        """Rows and bounds at their sides in the last basis, and those that this would break."""
         active, free = _nonbasic(self._basis.row_status), ~_nonbasic(self._basis.col_status)
         at_upper = np.array([s == _UPPER for s in self._basis.row_status])
         for _ in range(_ROUNDS):
@@ -125,10 +125,10 @@ class BilinearProgram(Linearised):
         return None
 
     def inside(self, point: Point, margin: float) -> Point | None:
-        """The best point nearby a little within all sides, equations exact; None if none.
+        """The best nearby point a little within all sides, equations exact; None if none.
 
-        Held columns stay, or move a little where no such point is left. `margin` from the
-        sides must be more than the solver may be off.
+        Held columns stay, or move a little if no such point is left. `margin` from the sides
+        must exceed the solver's error.
         """
         for radius in (0.0, _INWARD * np.sqrt(margin)):
             found = self._within(point.x, margin, radius)
@@ -162,7 +162,7 @@ class BilinearProgram(Linearised):
     def _projected(
         self, x: np.ndarray, sides: np.ndarray, active: np.ndarray, free: np.ndarray
     ) -> np.ndarray | None:
-        """The nearest point where active rows are at their sides; None where there is none.
+        """The nearest point at which active rows are at their sides; None if there is none.
 
         At a vertex this is Newton's method; elsewhere the smallest steps are taken.
         """
@@ -177,16 +177,16 @@ class BilinearProgram(Linearised):
             system = sparse.block_array([[weights, matrix.T], [matrix, loose]], format="csc")
             try:
                 step = splu(system).solve(np.concatenate([np.zeros(free.sum()), -off]))
-            except (RuntimeError, ValueError):  # rows that contradict each other
+            except (RuntimeError, ValueError):  # contradictory rows
                 return None
             x[free] += step[: free.sum()]
         return x
 
     def gain(self, moved: BilinearProgram, x: np.ndarray, radius: float = 1e-3) -> float:
-        """What a small change of sides, bounds and coefficients gains, to first order.
+        """First-order gain of a small change of sides, bounds and coefficients.
 
-        `moved` is linearised at the old optimum `x`: its multipliers fit the move even where
-        the old are not unique. NaN without a point nearby; `radius`: share of held factors.
+        `moved` is linearised at the old optimum `x`: its multipliers fit the change even if
+        the old ones are not unique. NaN without a point nearby; `radius`: share of held factors.
         """
         if len(moved.row_lower) != len(self.row_lower):
             return np.nan
@@ -197,7 +197,7 @@ class BilinearProgram(Linearised):
         if found is None:
             return np.nan
         row, column = np.array(found.row_dual), np.array(found.col_dual)
-        column[self.held] = 0.0  # the trust region's, not the program's
+        column[self.held] = 0.0  # belongs to the trust region, not to the program
         gained = _worth(row, moved.row_lower, moved.row_upper)
         gained -= _worth(row, self.row_lower, self.row_upper)
         gained += _worth(column, moved.lower, moved.upper) - _worth(column, self.lower, self.upper)
@@ -206,7 +206,7 @@ class BilinearProgram(Linearised):
 
 
 def _worth(multipliers: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """Worth of sides at their multipliers, whose signs tell which side it is."""
+    """Value of sides at their multipliers, whose signs select the lower or upper side."""
     sides = np.where(multipliers > 0, upper, lower)
     return float(multipliers @ np.where(np.isfinite(sides), sides, 0.0))
 
@@ -217,7 +217,7 @@ def _nonbasic(status: Sequence[Any]) -> np.ndarray:
 
 _UPPER = highspy.HighsBasisStatus.kUpper
 _NEWTON_STEPS, _ROUNDS = 3, 4
-# Unknowns below this size may move as far as one of it; rows that others imply may be off by this.
+# Unknowns below this size may move as far as one of this size; error of rows implied by others.
 _SMALL, _LOOSE = 1e-3, 1e-13
 _SHARP, _MARGIN = 1e-13, 4e-9
 # Share of the root of a margin by which held columns move: its square is a hundredth of the margin.

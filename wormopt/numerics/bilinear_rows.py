@@ -1,4 +1,4 @@
-"""Rows and columns of a bilinear program in the making."""
+"""Rows and columns of a bilinear program under construction."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Product = tuple["np.ndarray | int", "np.ndarray | int", "np.ndarray | float"]
 
 @dataclass
 class BilinearRows(Columns):
-    """Rows of a bilinear program in the making, added in blocks, and its columns."""
+    """Rows of a bilinear program under construction, added in blocks, and its columns."""
 
     count: int = 0  # rows so far
     _sides: list[tuple[int, Any, Any]] = field(default_factory=list)
@@ -30,10 +30,10 @@ class BilinearRows(Columns):
         lower: np.ndarray | float,
         upper: np.ndarray | float,
     ) -> np.ndarray:
-        """Add the rows lower <= linear terms + products <= upper; give their numbers.
+        """Add the rows lower <= linear terms + products <= upper; returns their numbers.
 
         Terms (columns, coefficients) and products (columns, columns, coefficients) are
-        broadcast; those with a column -1 are zero and left out. Sides may be infinite.
+        broadcast; those with a column -1 are left out. Sides may be infinite.
         """
         terms = (*linear, *products)
         factors = (factor for term in terms for factor in term[:-1])
@@ -58,7 +58,7 @@ class BilinearRows(Columns):
 
 
 def _stacked(terms: list[tuple[Any, ...]], width: int) -> list[np.ndarray]:
-    """Columns of a list of terms, numbers broadcast to the rows, without those that are zero."""
+    """Columns of a list of terms, numbers broadcast to the rows, without omitted ones."""
     edges = np.cumsum([0, *(len(term[0]) for term in terms)]).tolist()
     parts = [np.empty(edges[-1], int) for _ in range(width - 1)] + [np.empty(edges[-1])]
     for term, *ends in zip(terms, edges, edges[1:], strict=False):

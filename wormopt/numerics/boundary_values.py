@@ -1,8 +1,8 @@
 """Solve a BoundaryProblem: one polynomial at Legendre points, Newton's method, continuation.
 
-Unknowns are the states at the start, those at the points, and the unknown numbers. States are the
-integrals of their rates, of which the matrix stays well conditioned at any degree. Derivatives by
-states and numbers are those of the equations, by CasADi, times that matrix.
+Unknowns are the states at the start and at the points, and the unknown parameters. States are
+integrals of their rates, whose matrix stays well conditioned at any degree. Derivatives are
+those of the equations, by CasADi, times that matrix.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _LEAST_MOVE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class BoundarySolution:
-    """States along [0, 1] and the numbers that were unknown."""
+    """States along [0, 1] and the parameters that were unknown."""
 
     start: np.ndarray  # (n_y,) states at 0
     rates: np.ndarray  # (degree, n_y) Legendre coefficients of dy/ds in 2 s - 1
     p: np.ndarray  # (n_p,) unknown numbers
-    residual: float  # largest rest of the equations and conditions
+    residual: float  # largest residual of the equations and conditions
     tail: float  # largest last coefficient over the largest of all
-    defect: float  # largest rest between the points over the largest of all coefficients
+    defect: float  # largest residual between the points over the largest of all coefficients
     degree: int  # of the polynomials
 
     def at(self, s: Any) -> np.ndarray:
@@ -82,7 +82,7 @@ class _Equations:
         return np.concatenate([inside.ravel(), rest.ravel()]), matrix
 
     def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """What is left of the equations at sets of unknowns, see `wormopt.numerics.newton`."""
+        """Residuals at sets of unknowns, see `wormopt.numerics.newton`."""
         return np.array([self._at(z, given)[0] for z, given in zip(x, p, strict=True)])
 
     def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -90,7 +90,7 @@ class _Equations:
         return np.array([self._at(z, given)[1] for z, given in zip(x, p, strict=True)])
 
     def _at(self, z: np.ndarray, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pieces, kept for whoever asks for the Jacobian next."""
+        """Pieces, kept for the Jacobian."""
         if self._last is None or not np.array_equal(self._last[0], z):
             self._last = z.copy(), self.pieces(z, given)
         return self._last[1]
@@ -102,7 +102,7 @@ class _Equations:
         return z if found else None
 
     def solution(self, z: np.ndarray, given: np.ndarray) -> BoundarySolution:
-        """States as polynomials, with what is left of the equations."""
+        """States as polynomials, with their residuals."""
         n_y, m = self.n_y, self.degree
         y0, y, p = z[:n_y], z[n_y : n_y * (m + 1)].reshape(m, n_y), z[n_y * (m + 1) :]
         rate = self._dense(self.rate(y.T, *self._tile(p, given))[0]).T
@@ -118,7 +118,7 @@ class _Equations:
         return replace(found, defect=float(off / size))
 
     def _tile(self, p: np.ndarray, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # CasADi maps a function over columns where one argument has more of them
+        # CasADi maps a function over columns if one argument has more of them
         return p.reshape(-1, 1), given.reshape(-1, 1)
 
     @staticmethod

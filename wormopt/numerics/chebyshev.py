@@ -1,6 +1,6 @@
 """Smooth functions of one variable as Chebyshev series: their roots, extrema and integrals.
 
-Roots come from the colleague matrix, all of them at once, so nothing is lost between samples.
+Roots come from the colleague matrix, all of them at once, so that none between samples is missed.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
-# Share of a function by which its slope, over the whole interval, is nothing but rounding.
+# Share of a function below which its total slope is rounding.
 _CONSTANT = 1e-14
 
 Vectorised = Callable[[np.ndarray], np.ndarray]
@@ -26,7 +26,7 @@ def _nodes_and_transform(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=16)
 def _integration(degree: int) -> np.ndarray:
-    """Coefficients of the integral from -1, without the highest, by those of a series."""
+    """Coefficients of the integral from -1, without the highest, of a series."""
     return chebyshev.chebint(np.eye(degree + 1), lbnd=-1, axis=0)[:-1]
 
 
@@ -59,8 +59,8 @@ class Series:
     def roots(self, row: int = 0, zero: float = 0.0) -> np.ndarray:
         """Roots of one row in [a, b], ascending; none if all its coefficients are below `zero`.
 
-        A multiple root appears at most as often as its multiplicity, at least once where the
-        sign changes; one where it does not may be lost in round-off.
+        A multiple root appears at most as often as its multiplicity, at least once if the sign
+        changes; otherwise it may be lost in round-off.
         """
         c = self.coefficients[row]
         size = np.abs(c).max()
@@ -81,7 +81,7 @@ class Series:
         low, high = ends.min(axis=1), ends.max(axis=1)
         slope = self.derivative()
         size = np.abs(slope.coefficients)
-        # see roots; a row that is constant but for rounding has its ends
+        # see roots; a row constant but for rounding takes its ends
         turns = size[:, 0] <= size[:, 1:].sum(axis=1)
         most = size.max(axis=1, initial=0.0) * (self.b - self.a)
         turns &= most > _CONSTANT * np.abs(self.coefficients).max(axis=1)
@@ -105,8 +105,8 @@ class Series:
 def resolve(function: Vectorised, a: float, b: float, degree: int | None = None) -> Series:
     """Interpolate a vector function on [a, b], to round-off where it is smooth.
 
-    It maps times (m,) to (rows, m). Give `degree` of a polynomial; else it is doubled, up to
-    257 coefficients a row.
+    It maps times (m,) to (rows, m). Give the `degree` of a polynomial; else it is doubled, up
+    to 257 coefficients a row.
     """
     if degree is not None:
         return _interpolate(function, a, b, max(degree, 1))
@@ -116,8 +116,8 @@ def resolve(function: Vectorised, a: float, b: float, degree: int | None = None)
 def relaxed(forcing: Vectorised, rate: float, start: float, a: float, b: float) -> Series:
     """Solve w' + rate w = forcing from w(a) = start, to round-off where it is smooth.
 
-    By its integral over [a, s], which loses no digits however large the rate, not negative, is; a
-    layer at `a` is resolved as far as `resolve` goes, for rate (b - a) up to some hundred.
+    By its integral over [a, s], accurate for any rate >= 0, however large. A layer at `a` is
+    resolved as far as `resolve` goes, for rate (b - a) up to some hundred.
     """
 
     def of_degree(n: int) -> Series:
@@ -130,7 +130,7 @@ def relaxed(forcing: Vectorised, rate: float, start: float, a: float, b: float) 
 
 
 def _refined(of_degree: Callable[[int], Series]) -> Series:
-    """Double the degree until the last coefficients are rounding, up to 256."""
+    """Double the degree, up to 256, until the last coefficients are rounding."""
     for n in (16, 32, 64, 128):
         series = of_degree(n)
         tail = np.abs(series.coefficients[:, -2:]).max(initial=0.0)

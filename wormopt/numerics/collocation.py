@@ -58,7 +58,7 @@ class Collocation:
 
     @cached_property
     def nodes(self) -> np.ndarray:
-        """Where the state polynomials are known: 0 and the points, shape (degree + 1,)."""
+        """Nodes of the state polynomials: 0 and the points, shape (degree + 1,)."""
         return np.concatenate([[0.0], self.tau])
 
     @cached_property
@@ -72,7 +72,7 @@ class Collocation:
         return self._integrals_to(np.ones(1))[0]
 
     def _integrals_to(self, ends: np.ndarray) -> np.ndarray:
-        # Legendre's basis keeps this well conditioned at any useful degree.
+        # Legendre's basis is well conditioned at any useful degree
         primitives = legendre.legint(np.eye(self.degree), lbnd=-1) / 2
         to_end = legendre.legval(2 * ends - 1, primitives)
         return np.linalg.solve(legendre.legvander(2 * self.tau - 1, self.degree - 1).T, to_end).T

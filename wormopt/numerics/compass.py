@@ -1,7 +1,7 @@
-"""Compass search: the best of a few numbers where each look is a simulation, and not quite exact.
+"""Compass search: maximises over a few variables a simulated, slightly inexact function.
 
-Looks go one step each way along every axis; the best one becomes the new centre if it is better by
-more than both are uncertain, else the steps are halved. No slope is needed.
+Each round looks one step both ways along every axis. The best point becomes the new centre if
+its gain exceeds both uncertainties, else the steps are halved. No slope is needed.
 
 Source: T. G. Kolda, R. M. Lewis, V. Torczon, SIAM Review 45 (2003) 385.
 """
@@ -16,7 +16,7 @@ Point = dict[str, float]
 
 @dataclass(frozen=True)
 class Look:
-    """What was found at a point."""
+    """Value found at a point."""
 
     point: Point
     value: float
@@ -30,9 +30,9 @@ def compass(
     bounds: Mapping[str, tuple[float, float]],
     rounds: int,
 ) -> list[Look]:
-    """Search for the largest value; gives the centres, from the start to the best.
+    """Search for the largest value; returns the centres, from the start to the best.
 
-    `look` is given several points at once, which may be computed side by side.
+    `look` evaluates several points at once, which may be computed in parallel.
     """
     centres, seen = list(look([dict(start)])), {_key(start)}
     sizes = dict(steps)

@@ -1,4 +1,4 @@
-"""Work on the machines of a Dask cluster; loaded only where that is asked for."""
+"""Work on the machines of a Dask cluster; imported only when requested."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ from distributed.scheduler import KilledWorker
 
 from wormopt.errors import ArgumentError
 
-# Seconds to wait for a cluster, and between looks at whether a job is still wanted.
+# Seconds to wait for a cluster, and between checks whether a job was cancelled.
 _PATIENCE, _LOOK = 10, 0.5
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """Takes jobs for the workers of a cluster, which tries them elsewhere when a worker is lost."""
+    """Submits jobs to the workers of a cluster, which reruns them if a worker is lost."""
 
     executor: Any
     count: int  # workers
-    # raised for a job whose workers died, one after another, or whose cluster is gone
+    # raised for a job whose workers died repeatedly, or whose cluster is gone
     lost: tuple[type[BaseException], ...] = (KilledWorker, CancelledError)
 
     def submit(self, work: Callable, job: Any) -> Future:
-        """Ask for a job; once cancelled it ends within a second, even where it is at work."""
+        """Submit a job; once cancelled it ends within a second, even if it runs."""
         return self.executor.submit(_done, work, job)
 
 
 @contextmanager
 def connected(workers: int | None, scheduler: str) -> Iterator[Cluster]:
-    """Have a cluster: the one at an address, or one of processes here that ends with the context.
+    """Use the cluster at an address, or a local one that ends with the context.
 
-    Raises ArgumentError where it cannot be had.
+    Raises ArgumentError if it is unavailable.
     """
-    # What the cluster has to say of its own end is for nobody here.
+    # Messages of the cluster about its own end are of no use.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     own = None if scheduler else _own(workers or os.cpu_count() or 1)
     try:
         try:
             client: Any = Client(own or scheduler, timeout=_PATIENCE, set_as_default=False)
-        except Exception as error:  # whatever its network raises
+        except Exception as error:  # any error of its network
             what = f"no Dask scheduler answers at {scheduler!r} ({error})"
             raise ArgumentError(f"{what}; write its address, tcp://host:8786 say") from error
         try:
@@ -74,7 +74,7 @@ def _own(workers: int) -> LocalCluster:
 
 
 def _done(work: Callable, job: Any) -> Any:
-    """Do a job on a worker, unless nobody wants it any more."""
+    """Do a job on a worker, unless it was cancelled."""
     over = threading.Event()
     state, key = get_worker().state, thread_state.key
     watch = threading.Thread(target=_watch, args=(state, key, over, threading.get_ident()))
@@ -82,7 +82,7 @@ def _done(work: Callable, job: Any) -> Any:
     watch.start()
     try:
         return work(job)
-    except KeyboardInterrupt:  # its answer is wanted by nobody
+    except KeyboardInterrupt:  # cancelled: the answer is not needed
         return None
     finally:
         over.set()

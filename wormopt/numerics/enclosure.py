@@ -62,7 +62,7 @@ class Enclosure:
 
 
 def _apply(operation: int, arguments: list[Interval], count: int) -> Interval:
-    """Apply an operation; an unknown one may give any number."""
+    """Apply an operation; an unknown one is unbounded."""
     known = _OPERATIONS.get(operation)
     if known is None:
         return np.full(count, -np.inf), np.full(count, np.inf)
@@ -88,7 +88,7 @@ def _sum(a: Interval, b: Interval) -> Interval:
 
 def _product(a: Interval, b: Interval) -> Interval:
     corners = np.array([a[i] * b[j] for i in (0, 1) for j in (0, 1)])
-    corners[np.isnan(corners)] = 0.0  # 0 times what has no bound
+    corners[np.isnan(corners)] = 0.0  # 0 times infinity
     return corners.min(axis=0), corners.max(axis=0)
 
 
@@ -104,7 +104,7 @@ def _size(a: Interval) -> Interval:
 
 
 def _even(f: Callable[[np.ndarray], np.ndarray]) -> Callable[[Interval], Interval]:
-    """Even and rising with the size of its argument."""
+    """Even function that increases with the size of its argument."""
     return lambda a: _rising(f)(_size(a))
 
 
@@ -119,12 +119,12 @@ def _power(a: Interval, b: Interval) -> Interval:
     if np.all(b[0] == exponent) and np.all(b[1] == exponent) and exponent == round(exponent):
         return _whole_power(a, int(exponent))
     low, high = _product(b, (np.log(a[0]), np.log(a[1])))
-    # of a negative number nothing is known
+    # undefined for negative numbers
     return np.where(a[0] < 0, np.nan, np.exp(low)), np.exp(high)
 
 
 def _cosine(a: Interval) -> Interval:
-    # the argument of a sine has lost a little by its shift
+    # the shifted argument of a sine has a rounding error
     low, high = (
         a[0] - 1e-15 * np.abs(a[0]),
         a[1] + 1e-15 * np.abs(a[1]),

@@ -1,8 +1,8 @@
-"""Evolution strategy: the best of a dozen numbers where a look is a simulation without slopes.
+"""Evolution strategy (CMA-ES): optimises a dozen variables by simulations, without slopes.
 
-Each generation is drawn from a normal distribution that learns from its better half where to go,
-along which directions and how far (CMA-ES). It finds local optima, and goes over cliffs and noise
-that stop methods with slopes.
+Each generation is drawn from a normal distribution whose mean, directions and size adapt to the
+better half of the last one. It finds local optima, and copes with jumps and noise that stop
+methods with slopes.
 
 Source: N. Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772.
 """
@@ -21,7 +21,7 @@ class Evolved:
 
     point: np.ndarray
     value: float
-    course: np.ndarray  # best value after each generation, the start's before them
+    course: np.ndarray  # best value after each generation, after that of the start
 
 
 def evolve(
@@ -34,16 +34,16 @@ def evolve(
     size: int | None = None,
     seed: int = 0,
 ) -> Evolved:
-    """Search for the largest value from a start on; never worse than it.
+    """Search for the largest value from a start; never worse than the start.
 
-    `look` is given points (k, n), which may be looked at side by side, and gives values (k,), -inf
-    where there is none. `step`: standard deviation at first, alike for all numbers. `size` of a
+    `look` takes points (k, n), which may be computed in parallel, and returns values (k,), -inf
+    if there is none. `step`: initial standard deviation of all variables. `size` of a
     generation, 4 + 3 ln n if None.
     """
     from cmaes import CMA  # a search alone needs it
 
     best = np.clip(start, *bounds)
-    # 0: draws beyond bounds are put on them, where the best often lies, and not drawn again
+    # 0: draws beyond bounds are moved to them, where optima often are, and not drawn again
     strategy = CMA(
         best.copy(), step, np.stack(bounds, axis=1), n_max_resampling=0, seed=seed,
         population_size=size,

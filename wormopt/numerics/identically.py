@@ -1,9 +1,9 @@
-"""Whether an expression is zero for all values of its symbols, decided without a threshold.
+"""Test without threshold whether an expression is zero for all values of its symbols.
 
-The expression is evaluated in the field of integers modulo a prime, where sums that cancel do so
-exactly, at a point drawn at random. What is not identically zero vanishes there with a probability
-of about its degree in 2^61. Functions that are no quotients of polynomials, tanh say, are unknowns
-of their own, so that only relations among them, cos^2 + sin^2 = 1 say, go unnoticed.
+The expression is evaluated at a random point in the field of integers modulo a prime, where
+sums cancel exactly. An expression that is not identically zero vanishes there with a probability
+of about its degree / 2^61. Functions that are no quotients of polynomials, such as tanh, are
+independent unknowns, so that only relations among them, such as cos^2 + sin^2 = 1, go unnoticed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LARGEST_POWER = 64
 def identically_zero(
     expression: ca.SX, symbols: ca.SX, values: Mapping[int, float] | None = None
 ) -> np.ndarray:
-    """Tell for each entry of an expression whether it is identically zero.
+    """Return for each entry of an expression whether it is identically zero.
 
     `values`: exact values of some entries of `symbols`, by index; the others are arbitrary.
     Raises ZeroDivisionError if the expression divides by zero for these values.
@@ -66,7 +66,7 @@ _ARITHMETIC = {
     ca.OP_TWICE: lambda a: 2 * a,
     ca.OP_POW: _power,
     ca.OP_CONSTPOW: _power,
-    # a condition is an unknown; what depends on it is zero if it is so either way
+    # a condition is an unknown; an expression with it is zero if both its branches are
     ca.OP_NOT: lambda a: 1 - a,
     ca.OP_IF_ELSE_ZERO: lambda a, b: a * b,
 }
@@ -106,7 +106,7 @@ class _Field:
 
 
 def without_zeros(matrix: ca.SX) -> ca.SX:
-    """Drop entries off the diagonal that are identically 0: sin cos - cos sin, say."""
+    """Drop off-diagonal entries that are identically 0, such as sin cos - cos sin."""
     if matrix.sparsity().is_diag():
         return matrix
     rows, columns = matrix.sparsity().get_triplet()

@@ -1,4 +1,4 @@
-"""Instructions of a CasADi function, all at once: to ask for them one by one takes longer."""
+"""All instructions of a CasADi function at once, faster than one by one."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _PLACE = re.compile(rb"([@\[]?)(\d+)")
 def read(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
     """Operations (n,) of a function of scalars, and where they write and read (n, 3).
 
-    The latter as `Function.instruction_output` and then `Function.instruction_input` tell it, with
-    -1 behind. Raises ValueError if the listing of the function is not understood.
+    The latter are as in `Function.instruction_output` and then `Function.instruction_input`,
+    followed by -1. Raises ValueError if the listing of the function is not understood.
     """
     listing = function.str(True).encode().partition(b"Algorithm:\n")[2]
     kinds = listing.translate(None, _DIGITS).splitlines()

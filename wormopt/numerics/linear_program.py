@@ -1,8 +1,8 @@
-"""Linear programs that are solved again and again, with bounds that rounding cannot break.
+"""Linear programs that are solved repeatedly, with bounds that are safe against rounding.
 
-A solver's optimal value is only as good as its tolerances. Its multipliers are worth more: *any*
-multipliers give an upper bound on the maximum, and evaluating that bound is a handful of sums
-whose rounding errors are known. So the solver proposes and the bound is computed here (Neumaier
+A solver's optimal value is only as accurate as its tolerances. But *any* multipliers give an
+upper bound on the maximum, a sum of a few terms with known rounding errors. So the solver
+proposes multipliers and the bound is computed here (Neumaier
 and Shcherbina, Safe bounds in linear and mixed-integer linear programming, 2004).
 """
 
@@ -19,34 +19,34 @@ import numpy as np
 # Columns, one per row or one for all, with their coefficients.
 Term = tuple["np.ndarray | int", "np.ndarray | float"]
 
-# Seconds that a method may take for one program, and pivots: usual programs take thousandths of
-# a second and hundreds of pivots.
+# Time and pivot limits of a method for one program: usual programs take milliseconds and hundreds
+# of pivots.
 _LONGEST, _MOST_PIVOTS = 30.0, 200_000
-# Unit roundoffs by which a coefficient that was itself computed may be off.
+# Rounding error of a computed coefficient, in unit roundoffs.
 _COEFFICIENT_ULPS = 8
 _ULP = float(np.finfo(float).eps)
 
 
 class _Silent(highspy.Highs):
-    """HiGHS that says nothing: 1.16 greets as it is made, before it can be told not to."""
+    """HiGHS without output: version 1.16 prints a banner before options can be set."""
 
     def enableCallbacks(self) -> None:
-        """Enable callbacks, the first thing that it does as it is made."""
+        """Enable callbacks; called first by the constructor."""
         self.silent()
         super().enableCallbacks()
 
 
 def silent_highs() -> Any:
-    """Give an empty HiGHS that prints nothing; its stubs lack half of its methods."""
+    """Return an empty HiGHS that prints nothing; its stubs lack half of its methods."""
     highs: Any = _Silent()
-    highs.silent()  # earlier versions enable no callbacks as they are made
+    highs.silent()  # earlier versions do not enable callbacks in the constructor
     return highs
 
 
 def simplex(**options: float | str) -> Any:
-    """Give an empty HiGHS that is silent, keeps to one thread and does the simplex method.
+    """Return an empty, silent HiGHS with one thread and the simplex method.
 
-    Without presolve: programs differ little from the last, whose basis is worth more.
+    Without presolve: programs differ little, and the last basis saves more.
     """
     highs = silent_highs()
     for option, value in (_OPTIONS | options).items():
@@ -55,10 +55,10 @@ def simplex(**options: float | str) -> Any:
 
 
 def solve(highs: Any, pivots: int = _MOST_PIVOTS) -> tuple[Any, int]:
-    """Solve within limits; give what became of it and how many pivots the simplex method took.
+    """Solve within limits; returns the status and the number of pivots.
 
-    Where that method cycles, or fails, interior points are the second one: they take some fifty
-    steps where it takes millions.
+    If the simplex method cycles or fails, interior points follow: they take some fifty steps
+    where it takes millions.
     """
     highs.setOptionValue("simplex_iteration_limit", pivots)
     status = _solve_by(highs, "simplex")
@@ -71,7 +71,7 @@ def solve(highs: Any, pivots: int = _MOST_PIVOTS) -> tuple[Any, int]:
 
 def _solve_by(highs: Any, method: str) -> Any:
     highs.setOptionValue("solver", method)
-    highs.setOptionValue("time_limit", highs.getRunTime() + _LONGEST)  # it counts all its runs
+    highs.setOptionValue("time_limit", highs.getRunTime() + _LONGEST)  # of all its runs
     return highs.getModelStatus() if highs.run() != _FAILED else highspy.HighsModelStatus.kUnknown
 
 
@@ -99,8 +99,8 @@ def interior_point(
 ) -> np.ndarray:
     """Minimise cost x within A x <= upper and |x| <= largest, to some seven digits or for a time.
 
-    `entries` are rows, columns and values of A; those of one place are added up. x is 0 where the
-    solver finds nothing.
+    `entries` are rows, columns and values of A; duplicates are added up. x is 0 if the solver
+    finds nothing.
     """
     from scipy.sparse import csc_array
 
@@ -123,11 +123,11 @@ def interior_point(
     highs.passModel(model)
     working = highs.startSolve()
     try:
-        while working.is_alive():  # a join without end would hold Ctrl-C back
+        while working.is_alive():  # a join without timeout would delay Ctrl-C
             working.join(0.1)
     except KeyboardInterrupt:
         highs.cancelSolve()
-        while working.is_alive():  # to leave its thread behind would abort the process
+        while working.is_alive():  # a thread left behind would abort the process
             with suppress(KeyboardInterrupt):
                 working.join(0.1)
         raise
@@ -136,12 +136,12 @@ def interior_point(
 
 @dataclass
 class Columns:
-    """Columns of a program in the making, from 0 to a bound each."""
+    """Columns of a program under construction, from 0 to a bound each."""
 
     upper: list[float] = field(default_factory=list)  # bounds of the columns so far
 
     def columns(self, upper: np.ndarray) -> np.ndarray:
-        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column."""
+        """Number new columns from 0 to these bounds; -1 for the bound 0: no column."""
         kept = upper > 0.0
         number = np.where(kept, len(self.upper) - 1 + np.cumsum(kept).reshape(upper.shape), -1)
         self.upper.extend(upper[kept].tolist())
@@ -150,7 +150,7 @@ class Columns:
 
 @dataclass
 class Rows(Columns):
-    """Rows of a linear program in the making, added in blocks, and its columns."""
+    """Rows of a linear program under construction, added in blocks, and its columns."""
 
     count: int = 0  # rows so far
     _entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
@@ -162,10 +162,10 @@ class Rows(Columns):
         lower: np.ndarray | float,
         upper: np.ndarray | float,
     ) -> np.ndarray:
-        """Add the rows lower <= sum of coefficient times column <= upper; give their numbers.
+        """Add the rows lower <= sum of coefficient times column <= upper; returns their numbers.
 
-        Columns and coefficients are broadcast; terms of column -1 are zero and left out.
-        Sides are infinite where there is none.
+        Columns and coefficients are broadcast; terms of column -1 are left out. Sides may be
+        infinite.
         """
         size = max([p.size for term in terms for p in term if isinstance(p, np.ndarray)], default=1)
         rows = np.arange(self.count, self.count + size)
@@ -181,9 +181,9 @@ class Rows(Columns):
         return rows
 
     def assemble(self, columns: int) -> tuple[np.ndarray, ...]:
-        """Put the blocks together, row by row: starts (rows + 1,), column, value, lower, upper.
+        """Assemble the blocks row by row: starts (rows + 1,), column, value, lower, upper.
 
-        Entries of a row are in the order of columns; terms of one place are added up.
+        Entries of a row are in the order of columns; duplicates are added up.
         """
         row, column, value = (np.concatenate(part) for part in zip(*self._entries, strict=True))
         kept = column >= 0
@@ -200,18 +200,18 @@ class Rows(Columns):
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """What is known of the maximum of a linear program."""
+    """Bound and solution of a linear program."""
 
     bound: float  # proven upper bound; minus infinity if infeasible
     x: np.ndarray  # solution to the solver's tolerances; empty if none
-    row_duals: np.ndarray  # gain per unit by which a side is moved
+    row_duals: np.ndarray  # gain per unit by which a side moves
 
 
 class LinearProgram:
-    """Maximise a linear cost (n,) within rows and bounds, again and again with more rows.
+    """Maximise a linear cost (n,) within rows and bounds, repeatedly with more rows.
 
     The basis is kept, so that a few rows take a few steps of the dual simplex method.
-    Column bounds must be finite: the proven bound rests on them. Not thread-safe.
+    Column bounds must be finite, as the proven bound requires. Not thread-safe.
     """
 
     def __init__(self, cost: np.ndarray, rows: Rows, lower: np.ndarray, upper: np.ndarray) -> None:
@@ -220,8 +220,8 @@ class LinearProgram:
         self._cost, self._lower, self._upper = cost, lower.copy(), upper.copy()
         self._row, self._column = np.empty((2, 0), np.int32)
         self._value, self._row_lower, self._row_upper = np.empty((3, 0))
-        # Devex: programs are small, weights costly. Presolve would lose the proof where there is
-        # no feasible point.
+        # Devex: programs are small, exact weights costly. Presolve would lose the proof of
+        # infeasibility.
         self._highs = simplex(simplex_dual_edge_weight_strategy=1)
         model: Any = highspy.HighsLp()
         model.num_row_, model.num_col_ = 0, len(cost)
@@ -231,7 +231,7 @@ class LinearProgram:
         self.extend(rows)
 
     def extend(self, rows: Rows) -> np.ndarray:
-        """Add rows at the end; give their numbers."""
+        """Add rows at the end; returns their numbers."""
         starts, column, value, lower, upper = rows.assemble(len(self._cost))
         self._highs.addRows(rows.count, lower, upper, len(value), starts[:-1], column, value)
         row = np.repeat(np.arange(rows.count), np.diff(starts)) + len(self._row_lower)
@@ -243,15 +243,15 @@ class LinearProgram:
         return np.arange(len(self._row_lower) - rows.count, len(self._row_lower))
 
     def maximise(self) -> Maximum:
-        """Solve, and bound the maximum whatever the solver says of its success.
+        """Solve, and bound the maximum independently of the solver's status.
 
-        Minus infinity where infeasibility is proven in spite of rounding; where the solver
-        fails the bound is poor but true.
+        Minus infinity if infeasibility is proven in spite of rounding; if the solver fails the
+        bound is weak but valid.
         """
         nothing = np.empty(0)
         status, _ = solve(self._highs)
         if status == highspy.HighsModelStatus.kInfeasible:
-            # a ray of multipliers proves it: along it the bound of any cost falls without end
+            # a ray of multipliers proves it: along it the bound of any cost decreases without limit
             _, exists, ray = self._highs.getDualRay()
             ray = np.array(ray) if exists else np.zeros(len(self._row_lower))
             empty = min(self._bound(0.0 * self._cost, y) for y in (ray, -ray)) < 0.0
@@ -284,10 +284,10 @@ class LinearProgram:
         parts, columns = y[self._row] * self._value, len(cost)
         left = cost - np.bincount(self._column, parts, columns)
         value = y @ side + np.maximum(left * self._lower, left * self._upper).sum()
-        # Every sum is off by at most as many roundoffs of its absolute values as it has terms.
+        # The error of a sum is at most as many roundoffs of its absolute values as it has terms.
         reach = np.maximum(np.abs(self._lower), np.abs(self._upper))
         sizes = abs(cost) + np.bincount(self._column, abs(parts), columns)
         size = abs(y) @ abs(side) + sizes @ reach
         ulps = len(y) + len(cost) + self._most_terms + _COEFFICIENT_ULPS
         total = float(value + 2 * ulps * _ULP * size)
-        return total if np.isfinite(total) else np.inf  # multipliers beyond all bounds
+        return total if np.isfinite(total) else np.inf  # infinite multipliers

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class CostToGo:
-    """Least cost from each node on by the change dx of its state, g dx + dx P dx / 2 + const."""
+    """Least cost from each node on as a function of the change dx, g dx + dx P dx / 2 + const."""
 
     gradient: np.ndarray  # (N + 1, n_x) g, 0 at the end
     hessian: np.ndarray  # (N + 1, n_x, n_x) P, 0 at the end
@@ -20,7 +20,7 @@ class CostToGo:
 def cost_to_go(
     dynamics: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, n_x: int
 ) -> CostToGo:
-    """Find it for stages dx_{k+1} = dynamics_k (dx_k, du_k).
+    """Compute it for stages dx_{k+1} = dynamics_k (dx_k, du_k).
 
     The cost of a stage is g v + v H v / 2 for v = (dx, du); shapes (N, n_x, n_v), (N, n_v) and
     (N, n_v, n_v). H is positive definite in du.

@@ -1,4 +1,4 @@
-"""A bilinear program and its linearisations, solved one after another from the last basis."""
+"""A bilinear program and its linearisations, each solved from the last basis."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """Columns that stand for costs: each is at least what its row demands, and 0.
+    """Columns for costs: each is at least the value that its row demands, and 0.
 
-    A row has side 0 below, and products of its column with held ones only.
+    A row has the lower side 0, and products of its column with held columns only.
     """
 
     columns: np.ndarray  # of each cost
@@ -53,7 +53,7 @@ class Linearised:
         self._excess = excess or Excess(*[np.empty(0, int)] * 3)
         self._guarded = np.concatenate([held, self._excess.factors]).astype(np.int32)
         self._assemble(rows)
-        # with an excess it is no vertex, so that `sharpen` cannot remove what is left
+        # with an excess the optimum is no vertex, so that `sharpen` cannot remove the rest
         self._tolerance = tolerance if excess is None else 1e-10
         self._basis: Any = None
         self.programs = 0  # linear programs solved
@@ -81,7 +81,7 @@ class Linearised:
         return sparse.csr_array((self._entries(x), self._indices, self._starts), shape)
 
     def _entries(self, x: np.ndarray) -> np.ndarray:
-        """Entries of the Jacobian, without the matrix, which takes longer to set up than to use."""
+        """Entries of the Jacobian; setting up the matrix takes longer than using it."""
         return self._constant + self._slopes @ x
 
     def _times(self, entries: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -122,7 +122,7 @@ class Linearised:
         return dense
 
     def repaired(self, x: np.ndarray) -> np.ndarray:
-        """The same point with every excess at the least that its row allows."""
+        """The point with every excess at the least value that its row allows."""
         columns, rows = self._excess.columns, self._excess.rows
         if not len(columns):
             return x
@@ -130,7 +130,7 @@ class Linearised:
         x[columns] = 0.0
         slopes = self._entries(x)[self._excess_entries]
         missing = np.maximum(-self.values(x)[rows], 0.0)
-        # arcs without duration have neither a slope nor anything missing but rounding
+        # arcs without duration have no slope and no excess but rounding
         x[columns] = np.where(slopes > _NO_SLOPE, missing / np.maximum(slopes, _NO_SLOPE), 0.0)
         return x
 
@@ -177,7 +177,7 @@ class Linearised:
         return highs.getSolution()
 
     def restore(self, x: np.ndarray, factors: float = np.inf) -> Point | None:
-        """Best point with the held columns of `x`; None where there is none.
+        """Best point with the held columns of `x`; None if there is none.
 
         With an excess, best to first order with its factors within a share, `factors`, of
         their bounds.
@@ -194,12 +194,12 @@ class Linearised:
 
 
 _PIVOTS_OF_SETTING_UP = 20
-# Work after which the simplex method is given up: a second, where usual programs take thousandths;
-# and pivots by row and column, of which a small program that cycles takes millions within that.
+# Work limit of the simplex method: a second, where usual programs take milliseconds; and pivots
+# times rows and columns, which a small program that cycles exceeds by millions within that time.
 _MOST_WORK, _MOST_PIVOTS = 5e8, 100
 _NO_SLOPE = 1e-12
 
-# Numbers are of size 1, and exact weights of edges take longer than the pivots that they save.
+# Values are of order 1, and exact edge weights take longer than the pivots that they save.
 _OF_SMALL_PROGRAMS = {"simplex_scale_strategy": 0, "simplex_dual_edge_weight_strategy": 1}
 
 _OF_THREAD = threading.local()

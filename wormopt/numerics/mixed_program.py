@@ -1,4 +1,4 @@
-"""Linear programs in which some columns are whole: branch and bound by HiGHS."""
+"""Linear programs with integer columns: branch and bound by HiGHS."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 
 from wormopt.numerics.linear_program import Rows, silent_highs
 
-# What rows and whole columns may be off by, and by how much the best found may be missed.
+# Tolerance of rows and integer columns, and gap of the best point.
 TOLERANCE = 1e-9
 MISSED = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class Mixed:
-    """What is known of the maximum of a mixed program."""
+    """Bounds of the maximum of a mixed program."""
 
     bound: float  # no point is better, to the solver's tolerances
     x: np.ndarray  # best point found; empty if none
@@ -33,9 +33,9 @@ def maximise_mixed(
     whole: np.ndarray,
     seconds: float,
 ) -> Mixed:
-    """Maximise a linear cost (n,) within rows and bounds, columns `whole` being whole numbers.
+    """Maximise a linear cost (n,) within rows and bounds; columns `whole` are integers.
 
-    After `seconds` it stops with what it has. One thread, so that a rerun finds the same.
+    After `seconds` it returns what it has. One thread makes it reproducible.
     """
     starts, column, value, row_lower, row_upper = rows.assemble(len(cost))
     model: Any = highspy.HighsLp()

@@ -1,4 +1,4 @@
-"""The one damped Newton method, from many starts at a time."""
+"""Damped Newton's method, from many starts at a time."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _ROUNDING = 1e3  # steps so many times the last one are rounding where none impr
 class Equations(Protocol):
     """As many equations as unknowns, with parameters, for m sets of unknowns at a time."""
 
-    nominal: np.ndarray  # (n,) usual sizes of the unknowns, and of what is left
+    nominal: np.ndarray  # (n,) usual sizes of the unknowns, and of the residuals
 
     def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """What is left of the equations, shape (m, n)."""
+        """Residuals, shape (m, n)."""
         ...
 
     def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -27,9 +27,9 @@ class Equations(Protocol):
 def newton(
     equations: Equations, x: np.ndarray, p: np.ndarray, *, last_step: float = 1e-11
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Newton steps from starts `x` (m, n), each shortened until less is left of the equations.
+    """Newton steps from starts `x` (m, n), each shortened until the residual decreases.
 
-    Returns the last points (m, n) and whether the last step of each was as good as none (m,), in
+    Returns the last points (m, n) and whether the last step of each was negligible (m,), in
     nominal sizes. `p` is (n_p,) for all, or (m, n_p).
     """
     p = np.broadcast_to(p, (len(x), p.shape[-1]))
@@ -58,7 +58,7 @@ def newton(
 def _factor(
     equations: Equations, x: np.ndarray, p: np.ndarray, step: np.ndarray, rest: np.ndarray
 ) -> np.ndarray:
-    """By how much each step is shortened."""
+    """Factors by which steps are shortened."""
     factor = np.ones(len(x))
     size = np.linalg.norm(rest / equations.nominal, axis=1)
     worse = np.arange(len(x))
@@ -77,7 +77,7 @@ def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
     usable = np.array(np.isfinite(matrices).all(axis=(1, 2)))
     try:
         found[usable] = np.linalg.solve(matrices[usable], right[usable, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:  # some are, and take the others with them
+    except np.linalg.LinAlgError:  # one singular matrix fails the whole call
         usable[usable] = np.linalg.slogdet(matrices[usable])[0] != 0  # det itself may overflow
         found[usable] = np.linalg.solve(matrices[usable], right[usable, :, None])[:, :, 0]
     return found

@@ -1,4 +1,4 @@
-"""What a simulation may be told: how contact is treated, and how exact the motion shall be."""
+"""Options of simulations: treatment of contact and accuracy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one root finder: Brent's method between two values of opposite signs."""
+"""Brent's method."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ def root(
     function: Callable[[float], float], low: float, high: float, *, xtol: float = 1e-15
 ) -> float:
     """Root of `function` between `low` and `high`, where it has opposite signs, to `xtol`."""
-    from scipy.optimize import brentq  # loads for long, and most scenes look for none
+    from scipy.optimize import brentq  # slow to import, and most scenes need none
 
     found = brentq(function, low, high, xtol=xtol)
     return float(found)  # pyright: ignore[reportArgumentType]  one number without full_output

@@ -1,7 +1,7 @@
-"""The same work for many jobs, side by side: in several processes, or on a Dask cluster.
+"""The same work for many jobs in parallel: in several processes, or on a Dask cluster.
 
-Python's lock lets threads do little of this package's work side by side: programs are assembled
-and looked through in Python, and CasADi does not let go of the lock.
+Threads cannot do most of this work in parallel: programs are assembled and evaluated in Python,
+and CasADi keeps Python's lock.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 EngineName = Literal["processes", "serial", "dask"]
 
-# Seconds after which processes that have nothing to do end, and between looks at who began them.
+# Seconds after which idle processes end, and between checks of the parent process.
 _IDLE, _LOOK = 30, 0.5
-# Processes are started anew so many times after some have died.
+# How often processes are restarted after some have died.
 _REVIVALS = 3
 _here = threading.local()  # whether this thread is a worker
 _executors: dict[tuple[int, int], Any] = {}  # by the process that owns them, and their size
-# An executor that lives on until modules are taken down fails in its own destructor.
+# An executor alive at interpreter shutdown fails in its own destructor.
 atexit.register(_executors.clear)
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Where work goes that can be done side by side.
+    """Where parallel work runs.
 
     Parameters
     ----------
@@ -99,10 +99,10 @@ def _cluster_of(engine: Engine) -> AbstractContextManager[Any]:
 
 
 class Workers:
-    """Processes that take jobs, started when first needed and shared by all in turn.
+    """Processes that take jobs, started when first needed and shared by all callers in turn.
 
-    Until they are ready, or once they die again and again, work goes on here. A worker has none
-    itself. `count`: as many as the engine has if left out; with 1 all is done here.
+    Until they are ready, or once they die repeatedly, work is done here. A worker has no
+    workers itself. `count`: that of the engine by default; with 1 all is done here.
     """
 
     def __init__(self, count: int | None = None) -> None:
@@ -145,7 +145,7 @@ class Workers:
     ) -> Iterator[tuple[int, Answer]]:
         """Do the same with every job; yields number and answer of each as soon as it is done.
 
-        For long jobs: all are asked for at once, and none is done here unless processes die.
+        For long jobs: all are submitted at once, and none is done here unless processes die.
         """
         todo = dict(enumerate(jobs))
         while todo:
@@ -164,7 +164,7 @@ class Workers:
                 self._revive()
 
     def _submit(self, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> None:
-        """Ask for answers; they are in `_asked` before anything can interrupt."""
+        """Submit jobs; they are in `_asked` before anything can interrupt."""
         if _cluster is None:
             self._executor = _executor(self.count)
         with _interrupts_held():
@@ -187,7 +187,7 @@ class Workers:
         return answer
 
     def _revive(self) -> None:
-        """Have new processes in place of dead ones; at last go on here."""
+        """Replace dead processes; after repeated failures do the work here."""
         _executors.pop((os.getpid(), self.count), None)
         self._begun, self._died = [], self._died + 1
         if self._died > _REVIVALS:
@@ -202,7 +202,7 @@ class Workers:
         return all(future.done() for future in self._begun)
 
     def close(self) -> None:
-        """Drop what is not done; processes that are at work on it end."""
+        """Drop jobs that are not done; processes working on them end."""
         if any(not future.done() for future in self._asked):
             if _cluster is not None:
                 for future in self._asked:
@@ -220,8 +220,8 @@ class Workers:
 
 
 def alone(work: Callable[[Job], Answer], job: Job) -> Answer:
-    """Do a job in a process of its own, which has no workers; BrokenExecutor where it dies."""
-    if current_process().daemon:  # may have no processes
+    """Do a job in its own process, which has no workers; BrokenExecutor if it dies."""
+    if current_process().daemon:  # daemons may not start processes
         return work(job)
     from loky import ProcessPoolExecutor
 
@@ -230,19 +230,19 @@ def alone(work: Callable[[Job], Answer], job: Job) -> Answer:
 
 
 def thread_pool(count: int | None = None) -> ThreadPoolExecutor:
-    """Threads, for work that lets go of Python's lock and cannot be sent to other processes.
+    """Threads, for work that releases Python's lock and cannot be sent to other processes.
 
-    `count`: as many as the engine has if left out, one where work goes nowhere else.
+    `count`: that of the engine by default, 1 without parallel work.
     """
     alone = getattr(_here, "is_worker", False) or _engine.name == "serial"
     return ThreadPoolExecutor(1 if alone else count or _engine.workers or os.cpu_count())
 
 
 def _executor(count: int) -> Any:
-    """Our own processes, not those that users of loky share."""
+    """Executor of this package only, not the one that users of loky share."""
     from loky import ProcessPoolExecutor
 
-    # it tells of workers that it replaces, idle or grown; nothing is lost by it
+    # it warns of replaced workers, idle or grown; nothing is lost by that
     warnings.filterwarnings("ignore", "A worker (stopped|was restarted)", UserWarning)
     key = os.getpid(), count
     if key not in _executors:
@@ -254,15 +254,15 @@ def _executor(count: int) -> Any:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Processes started meanwhile are never interrupted; this one is afterwards, if it was."""
-    if sys.platform == "win32":  # has no mask of signals: a process may be interrupted as it starts
+    """Block interrupts of processes started meanwhile; deliver one to this process afterwards."""
+    if sys.platform == "win32":  # no signal mask: a process may be interrupted as it starts
         yield
         return
     from multiprocessing import resource_tracker
 
     from loky.backend import resource_tracker as of_loky
 
-    for tracker in (resource_tracker, of_loky):  # to start one lets signals in
+    for tracker in (resource_tracker, of_loky):  # starting one unblocks signals
         tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
@@ -272,11 +272,11 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _load(work: Callable) -> None:
-    """Import what the work needs, as it was sent."""
+    """Import the modules of the work, as it was sent."""
 
 
 def _begin(parent: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asked for the work is told, and ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends the work
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     _here.is_worker = True
@@ -284,13 +284,13 @@ def _begin(parent: int) -> None:
 
 
 def _as_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
-    """Do a job in a thread from which work goes nowhere else."""
+    """Do a job in a thread without further parallel work."""
     _here.is_worker = True
     return work(job)
 
 
 def _end_with(parent: int) -> None:
-    """End this process when the one that began it is gone, even if killed: nobody waits."""
+    """End this process when its parent has ended, even if killed."""
     if sys.platform == "win32":  # keeps the parent's process id after the parent has ended
         begun_by = parent_process()
         assert begun_by is not None

@@ -1,4 +1,4 @@
-"""One arc of a phase: its variables, and the residuals, bounded rows and integrals they give."""
+"""One arc of a phase: its variables, residuals, bounded rows and integrals."""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ class Layout:
     Row 0 is the duration.
     """
 
-    clock: slice  # time at the start, where the model depends on it
+    clock: slice  # time at the start, if the model depends on it
     start: slice  # state at the start, after its impulses
     points: slice  # states at the collocation points
     inputs: slice  # Bernstein coefficients of the inputs
     slacks: slice  # at the collocation points
     algebraic: slice  # variables at the collocation points
-    unknowns: slice  # what contacts leave unknown, at collocation points
+    unknowns: slice  # unknowns of contacts, at collocation points
     jumps: slice  # impulses of inputs and contacts at the start
     size: int  # number of rows
 
     @classmethod
     def of(cls, sizes: dict[str, int]) -> Layout:
-        """Put blocks of the given sizes, by field name, below the duration, in their order."""
+        """Stack blocks of the given sizes, by field name, below the duration, in order."""
         edges = np.cumsum([1, *sizes.values()])  # row 0 is the duration
         rows = {k: slice(int(a), int(b)) for k, a, b in zip(sizes, edges, edges[1:], strict=False)}
         return cls(**rows, size=int(edges[-1]))
 
 
 class Arc:
-    """The piece from which a `Transcription` is built: one arc, any mode, all scaled.
+    """Basis of a `Transcription`: one arc, any mode, all scaled.
 
-    Raises ArgumentError if impulses are asked for without prescribed modes.
+    Raises ArgumentError if impulses are requested without prescribed modes.
     """
 
     def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment) -> None:
@@ -106,7 +106,7 @@ class Arc:
 
     @cached_property
     def _varying(self) -> list[ca.SX]:
-        """What differs from point to point: time, states, inputs, slacks, z, unknowns."""
+        """Variables that differ from point to point: time, states, inputs, slacks, z, unknowns."""
         model = self.problem.model
         return [
             model.t,
@@ -119,7 +119,7 @@ class Arc:
 
     @cached_property
     def constants(self) -> list[ca.SX]:
-        """What is constant on an arc: level and schedules; design and the model's parameters."""
+        """Constants of an arc: level and schedules; design and the model's parameters."""
         model = self.problem.model
         scheduled = [part for s in model.schedules for part in (s.begin, s.symbol)]
         return [
@@ -141,14 +141,14 @@ class Arc:
         return [*sizes, self.closure.nominal]
 
     def at_forces(self, expression: ca.SX) -> ca.SX:
-        """Express contact forces in an expression as the treatment has them."""
+        """Replace contact forces in an expression by those of the treatment."""
         forces = self.problem.model.forces
         return (
             ca.substitute(expression, forces, self.closure.forces) if forces.numel() else expression
         )
 
     def unknown_limits(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Scaled lower and upper bounds (n_unknowns,) of what contacts leave unknown.
+        """Scaled lower and upper bounds (n_unknowns,) of the unknowns of contacts.
 
         `p` (n_p,) are the model's parameters.
         """
@@ -168,7 +168,7 @@ class Arc:
 
     @cached_property
     def along(self) -> list[Constraint]:
-        """Bounds at every instant: the problem's, and those the model has for its states."""
+        """Bounds at every instant: the problem's, and those of the model's states."""
         own = [
             Constraint(s.name, s.symbol, s.lower, s.upper, s.nominal)
             for s in self.problem.model.x
@@ -182,24 +182,24 @@ class Arc:
 
     @cached_property
     def state_only(self) -> list[bool]:
-        """Which of the bounds along the way hang on states alone."""
+        """Which of the path bounds depend on states only."""
         others = ca.vertcat(*self._varying[2:])
         return [not ca.depends_on(b, others) for b in self._bounds]
 
     @cached_property
     def keeps_ends(self) -> bool:
-        """Whether an arc's end must be bounded by itself: else the next arc's start says it all."""
+        """Whether an arc's end needs its own bounds: else those of the next arc's start suffice."""
         problem = self.problem
         open_states = [s.symbol for s in problem.model.x if s.name not in problem.periodic]
         state_only = [b for b, yes in zip(self._bounds, self.state_only, strict=True) if yes]
         speeds = problem.model.contact_velocities if self.modal else ca.SX(0, 1)
         bounded = ca.vertcat(speeds, *state_only)
-        model = problem.model  # what hangs on time does not return with the states
+        model = problem.model  # values that depend on time do not return with the states
         timed = [model.t, *(p for s in model.schedules for p in (s.begin, s.symbol))]
         return problem.impulses or any(ca.depends_on(bounded, s) for s in (*open_states, *timed))
 
     def closure_start(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Guess what contacts leave unknown from states and forces; bounds are left aside.
+        """Guess unknowns of contacts from states and forces; bounds are ignored.
 
         From (n_x, degree, N) and (n_c, degree, N) at the collocation points to
         (n_unknowns, degree, N): forces, then each velocity's parts.
@@ -219,7 +219,7 @@ class Arc:
 
     @cached_property
     def lawful_ode(self) -> ca.SX:
-        """Rates of the states; of prescribed contacts those that slide have their law's force."""
+        """Rates of the states; sliding prescribed contacts have the force of their law."""
         model = self.problem.model
         n = len(model.contacts)
         if not (self.modal and n):
@@ -233,7 +233,7 @@ class Arc:
 
     @cached_property
     def _point(self) -> ca.Function:
-        """Rates of the states, what vanishes, what is small, accelerations, integrands."""
+        """Rates of the states, residuals, relaxed residuals, accelerations, integrands."""
         model, closure = self.problem.model, self.closure
         ode, alg, integrands = (
             self.at_forces(e) for e in (model.ode, model.alg, self.problem.integrands)
@@ -246,7 +246,7 @@ class Arc:
         )
 
     def _modal_conditions(self) -> tuple[ca.SX, ca.SX]:
-        """What vanishes by each contact's mode, and contact accelerations, scaled."""
+        """Residuals by each contact's mode, and contact accelerations, scaled."""
         model, problem = self.problem.model, self.problem
         n = len(model.contacts)
         stick, direction, follow = (self.closure.level[k * n : (k + 1) * n] for k in range(3))
@@ -261,9 +261,9 @@ class Arc:
 
     @cached_property
     def function(self) -> ca.Function:
-        """Map one arc's variables, level, schedules, design and parameters to what they give.
+        """Map one arc's variables, level, schedules, design and parameters to results.
 
-        Results: what vanishes; what is small; accelerations that following contacts must not
+        Results: residuals; relaxed residuals; accelerations that following contacts must not
         have; bounded rows; state before the arc and at its end, scaled; integrals.
         """
         mesh, at = self.mesh, self.layout
@@ -366,8 +366,8 @@ class Arc:
         if self.modal:
             speeds = coefficients(model.contact_velocities / self.v_nominal, True)
             forces = coefficients(model.forces / self.f_nominal, False)
-            # A sliding contact has a bounded speed, a sticking one a bounded force: one row
-            # for both.
+            # The speed of a sliding contact is bounded, or the force of a sticking one: one row for
+            # both.
             stuck = ca.repmat(fixed[0][: len(model.contacts)], 1, d)
             rows += [speeds[:, 0], ca.vec((1 - stuck) * speeds[:, :d] + stuck * forces)]
             if self.keeps_ends:

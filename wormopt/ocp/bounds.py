@@ -1,4 +1,4 @@
-"""Bounds and parameters of a transcribed problem: boxes of variables, of rows, of modes."""
+"""Bounds and parameters of a transcribed problem: of variables, rows and modes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from wormopt.model.values import signal_values
 from wormopt.ocp.arc import Arc, limits_of
 from wormopt.ocp.nlp import Bounds
 
-# So far inside an arc, as a share of it, schedules are looked up: sums of durations miss breaks
-# by round-off.
+# Distance inside an arc, as a share of it, at which schedules are evaluated: sums of durations
+# miss breaks by round-off.
 _WITHIN = 1e-9
 
 
 class ProgramBounds:
-    """What limits the nonlinear program of a `Transcription`, for any modes or level.
+    """Bounds of the nonlinear program of a `Transcription`, for any modes or level.
 
     `sizes`: rows per arc of each kind of constraint, of joints in all; `n_totals`: number of
     variables for ends, duration and integrals.
@@ -94,7 +94,7 @@ class ProgramBounds:
         return lower, upper
 
     def _total_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of ends, duration and integrals: only the duration has some of its own."""
+        """Bounds of ends, duration and integrals: only the duration has its own."""
         high = np.full(self._n_totals, np.inf)
         low = -high
         if not self.arc.fixed_grid:
@@ -112,7 +112,7 @@ class ProgramBounds:
     def _pin_times(
         self, lower: np.ndarray, upper: np.ndarray, pins: Mapping[int, float] | None
     ) -> np.ndarray:
-        """Fix durations and clocks that are known; times by which schedules are looked up."""
+        """Fix known durations and clocks; returns the times at which schedules are evaluated."""
         n, at, nominal = self.mesh.total, self.arc.layout, self.arc.time_nominal
         if self.arc.fixed_grid:
             if pins:
@@ -135,7 +135,7 @@ class ProgramBounds:
         return np.array([times[k] for k in known])[last]
 
     def _checked_pins(self, pins: Mapping[int, float] | None) -> dict[int, float]:
-        """Times at which phases begin; no schedule may break at any other one."""
+        """Times at which phases begin; schedules must not break at others."""
         times = {0: 0.0, **(pins or {})}
         if times[0] != 0.0:
             raise ArgumentError("the first phase begins at 0; pin later ones")
@@ -162,7 +162,6 @@ class ProgramBounds:
                 )
 
     def _schedules(self, starts: np.ndarray) -> np.ndarray:
-        """Values of schedules, arc after arc."""
         columns = []
         for schedule in self.problem.model.schedules:
             begin, piece = schedule.locate(starts)
@@ -202,7 +201,7 @@ class ProgramBounds:
         return np.asarray(function(0.0, *arc.nominals, *constants, arc.design_nominal, fixed))
 
     def _followers(self, stick: np.ndarray) -> np.ndarray:
-        """Sticking contacts whose force does not move the worm in any new way."""
+        """Sticking contacts whose force has no independent effect on the worm."""
         follow = np.zeros(len(stick), dtype=bool)
         led: list[int] = []
         for i in np.flatnonzero(stick):
@@ -216,7 +215,7 @@ class ProgramBounds:
     def _row_bounds(
         self, states: np.ndarray | None, p: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of all bounded rows, arc after arc; nothing is stated twice."""
+        """Bounds of all bounded rows, arc after arc, without duplicates."""
         lows, highs = [np.zeros(0)], [np.zeros(0)]
         hold = self.arc.rests(p)
         for k in range(self.mesh.total):
@@ -228,7 +227,7 @@ class ProgramBounds:
     def _contact_rows(
         self, states: np.ndarray | None, hold: np.ndarray, k: int
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Bounds on speeds and forces of the contacts in arc k, none beside an equality."""
+        """Bounds on speeds and forces of the contacts in arc k, where no equality sets them."""
         if states is None:
             return []
         d = self.mesh.collocation.degree
@@ -246,7 +245,7 @@ class ProgramBounds:
         high = np.repeat(
             np.where(now == 0, hold[:, 1], np.where(now > 0, np.inf, 0))[:, None], d, 1
         )
-        if not self.problem.impulses:  # its speed starts at 0 by an equality
+        if not self.problem.impulses:  # an equality sets its initial speed to 0
             settled = (now != 0) & ((before == 0) | turns) & ~begins
             low[settled, 0], high[settled, 0] = -np.inf, np.inf
         rows = [(-start, start), (low, high)]
@@ -256,7 +255,6 @@ class ProgramBounds:
         return rows
 
     def _along_rows(self, k: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Bounds along arc k."""
         d = self.mesh.collocation.degree
         ends = self.problem.impulses or k == self.mesh.total - 1
         rows = []
@@ -282,7 +280,7 @@ class ProgramBounds:
         )
 
     def name_of(self, row: int) -> str:
-        """What a row of the constraints is about, in words; see `Transcription.name_of`."""
+        """Description of a row of the constraints; see `Transcription.name_of`."""
         n = self.mesh.total
         names = ["the equations of motion or of contact", "complementarity", "sharing of load"]
         sizes = [n * self._sizes[k] for k in ("equal", "small", "following")]

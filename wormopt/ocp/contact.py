@@ -1,4 +1,4 @@
-"""What a contact's force is in a nonlinear program: prescribed modes, smoothed, complementary."""
+"""Contact forces in a nonlinear program: prescribed modes, smoothed, complementary."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ class Closure:
 
 
 class Treatment(Protocol):
-    """How the contacts of a Model are put into a nonlinear program."""
+    """Treatment of a Model's contacts in a nonlinear program."""
 
     def close(self, model: Model) -> Closure:
-        """Say what determines the contact forces of a model."""
+        """Conditions that determine the contact forces of a model."""
         ...
 
 
 @dataclass(frozen=True)
 class FixedModes:
-    """Which contact sticks or slides is told phase by phase; switching times are left free.
+    """Prescribes which contact sticks or slides in each phase; switching times are free.
 
     Between switches everything is smooth, so that collocation keeps its full order. A contact may
     leave rest before its force reaches stiction: a simulation tells whether that was so.
@@ -76,7 +76,7 @@ class FixedModes:
             check_kind("modes", self.modes, ModeSequence)
 
     def close(self, model: Model) -> Closure:
-        """Forces are unknowns; what they obey hangs on the mode, see `Arc`.
+        """Forces are unknowns; their conditions depend on the mode, see `Arc`.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class Regularised:
         return _levels(self.first, self.v_reg, self.ratio)
 
     def close(self, model: Model) -> Closure:
-        """Forces are the smooth laws; nothing else is unknown.
+        """Forces are the smooth laws, without further unknowns.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class Complementarity:
         return _levels(self.first, self.residual, self.ratio)
 
     def close(self, model: Model) -> Closure:
-        """Unknown are the forces, in their interval of rest, and the parts of the velocities.
+        """Unknowns are the forces, in their interval of rest, and the parts of the velocities.
 
         Parameters
         ----------
@@ -248,12 +248,12 @@ def _refuse_planar(model: Model, treatment: str) -> None:
 
 
 def never_rests(law: Law) -> bool:
-    """Whether a law holds nothing at rest: viscous drag, which is smooth."""
+    """Whether a law has no holding force: viscous drag, which is smooth."""
     return all(not isinstance(end, ca.SX) and end == 0.0 for end in law.stick_interval)
 
 
 def _products(contact: Contact, parts: ca.SX) -> list[ca.SX]:
-    """Products that vanish for the set-valued law of one contact, scaled."""
+    """Complementarity products of the set-valued law of one contact, scaled."""
     law, size = contact.law, contact.nominal_speed * contact.nominal_force
     return [
         parts[k] * (contact.force - law.slip_force(contact.velocity, d)) / size

@@ -1,4 +1,4 @@
-"""How well a motion obeys its equations between collocation points, and where arcs are too long."""
+"""Residuals of a motion between collocation points, and arcs that are too long."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def defects(motion: Motion) -> np.ndarray:
     values = motion.arcs.states
     slopes = np.einsum("sk,rkn->rsn", _slopes(mesh.collocation.nodes, s), values)
     t = motion.breaks[:-1] + np.multiply.outer(s, motion.arcs.duration)
-    # just inside the arcs, so that each place belongs to its own
+    # just inside the arcs, so that each point belongs to its own
     rates = motion.observe(arc.lawful_ode, t.ravel(order="F"))
     rates = rates.reshape(len(values), len(s), mesh.total, order="F")
     wrong = np.abs(slopes - rates * motion.arcs.duration)
@@ -42,12 +42,12 @@ def _slopes(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
 def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Mesh:
     """Split the arcs that err by more than the tolerance into at most `most` parts each.
 
-    `defect` (N,) is from `defects`; the same mesh comes back where no arc errs.
+    `defect` (N,) is from `defects`; the same mesh is returned if no arc errs.
     Raises ArgumentError if durations of arcs are free.
     """
     if mesh.shares is None:
         raise ArgumentError("arcs of free duration are not split; use Mesh.even")
-    # an arc's own error falls with one power more than the sum over all arcs
+    # an arc's own error decreases with one power more than the sum over all arcs
     order = mesh.collocation.degree + 1
     parts = np.clip(np.ceil((defect / tolerance) ** (1 / order)), 1, most).astype(int)
     shares = np.repeat(np.array(mesh.shares) / parts, parts)

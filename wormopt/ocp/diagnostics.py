@@ -1,4 +1,4 @@
-"""Why a nonlinear program was not solved, and what to change."""
+"""Explains why a nonlinear program was not solved, and gives advice."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from wormopt.ocp.motion import Motion
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
 from wormopt.ocp.transcription import Transcription
 
-# Scaled variables so much larger than at the start mean that the objective falls for ever.
+# Scaled variables larger than at the start by this factor: the objective is unbounded.
 _BEYOND = 1e6
 
 FEASIBLE = 1e-6
-"""Largest violation, in nominal sizes, of what counts as a solution."""
+"""Largest violation, in nominal sizes, of a solution."""
 
-# Slack, in nominal sizes, below which a limit is not in conflict, and how exactly it is found.
+# Slack, in nominal sizes, below which a limit is not in conflict, and its accuracy.
 _GIVES_WAY, _MET = 1e-5, 1e-5
 
 
@@ -35,10 +35,10 @@ def failure(
     *,
     explain: bool = True,
 ) -> SolveError:
-    """Explain a solve that failed, started at `start` (n_w,).
+    """Explain a failed solve that started at `start` (n_w,).
 
-    Gives the SolveError, with the motion reached as ``partial``. `explain`: limits in conflict are
-    sought; each solve that does gets as many `seconds` as one of the problem did.
+    Returns the SolveError, with the motion reached as ``partial``. `explain`: search for limits in
+    conflict; each of these solves gets as many `seconds` as one of the problem.
     """
     partial = Motion.of(program, solution.w, bounds)
     if solution.status == "Invalid_Number_Detected" or not np.all(np.isfinite(start)):
@@ -58,7 +58,7 @@ def failure(
         )
     known = solution.violation <= FEASIBLE or not explain
     if gives := {} if known else _conflict(program, level, start, partial.p, seconds):
-        # The sizes are a local optimum at the last level that was solved: two digits are known.
+        # The sizes are a local optimum at the last solved level: two digits are reliable.
         listed = " and ".join(f"{name} by about {size:.2g}" for name, size in gives.items())
         return SolveError(
             f"no motion meets all limits; the least that has to give way is {listed}",
@@ -95,10 +95,10 @@ def _conflict(
     *,
     equalities: bool = False,
 ) -> dict[str, float]:
-    """Limits that must give way for any motion to exist near the start, in their own units.
+    """Limits that must be relaxed for any motion to exist near the start, in their own units.
 
-    Equalities give way if asked for, or if there are several and inequalities alone do not lead to
-    a motion.
+    Equalities are relaxed if requested, or if there are several and relaxing inequalities alone
+    is not enough.
     """
     problem = with_input_limits(program.problem)
     loose = elastic(problem, equalities=equalities)
@@ -110,12 +110,12 @@ def _conflict(
     n = len(loose.design) - len(problem.design)
     w = np.concatenate([np.where(np.isfinite(start), start, 0.0), np.zeros(n)])
     objective = 0.0
-    for each in _levels_from(treatment, level):  # the sharper the law, the more must give way
+    for each in _levels_from(treatment, level):  # the sharper the law, the more must be relaxed
         bounds = relaxed.bounds(each, p=by_name(problem.parameters, p))
-        if each == level:  # far too much slack meets every limit at the start
+        if each == level:  # excessive slack meets every limit at the start
             g = relaxed.nlp.constraints(w, bounds)
             w[-n:] = 1.0 + np.max(np.maximum(bounds.lbg - g, g - bounds.ubg), initial=0.0)
-        # which barrier leads to the end is a matter of luck
+        # the successful barrier is a matter of luck
         for barrier in (0.1,) if equalities else (0.1, 1e-3):
             patient = Ipopt(tolerance=1e-7, iterations=1000, mu_init=barrier, seconds=seconds)
             answer = relaxed.nlp.solve(w, bounds, patient)
@@ -149,7 +149,7 @@ def _levels_from(
 
 
 def _worst(program: Transcription, solution: Solution, bounds: Bounds) -> str:
-    """What is violated most, in words."""
+    """The largest violation, in words."""
     if solution.violation <= FEASIBLE:
         return "all limits hold, but the objective is not at its least"
     g = program.nlp.constraints(solution.w, bounds)

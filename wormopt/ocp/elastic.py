@@ -1,4 +1,4 @@
-"""Why a problem has no solution: give every named limit some slack and see which need it."""
+"""Explains why a problem has no solution: adds slack to named limits and finds which need it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from wormopt.ocp.problem import Constraint, Problem
 
 
 def with_input_limits(problem: Problem) -> Problem:
-    """Write the limits that inputs have by themselves as bounds, named like the inputs.
+    """Write the limits of inputs as bounds, named like the inputs.
 
-    So `elastic` may loosen these limits too.
+    `elastic` may then relax these limits too.
     """
     free = [replace(s, lower=-np.inf, upper=np.inf) for s in problem.model.u]
     limits = [
@@ -30,10 +30,10 @@ def with_input_limits(problem: Problem) -> Problem:
 
 
 def elastic(problem: Problem, *, equalities: bool = False) -> Problem:
-    """Let every inequality give way at a price, and ask for the least giving way in all.
+    """Relax every inequality at a price, and minimise the total relaxation.
 
     `equalities`: also every equality. Adds a design constant "slack <name>" per name of a bound,
-    in units of its nominal size; those that come out positive name the limits in conflict.
+    in units of its nominal size; positive ones name the limits in conflict.
     """
     names = sorted(
         {

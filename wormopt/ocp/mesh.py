@@ -1,4 +1,4 @@
-"""How finely phases are resolved, and motions on such meshes."""
+"""Resolution of phases, and motions on such meshes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wormopt.model.given import check_kind, check_number, whole
 from wormopt.model.values import numbers
 from wormopt.numerics.collocation import Collocation, bernstein_matrix
 
-# Error of the sum of shares; most arcs of a mesh over breaks.
+# Tolerance of the sum of shares; most arcs of a mesh over breaks.
 _ROUNDING, _MOST = 1e-9, 1_000_000
 
 
@@ -198,7 +198,7 @@ def _arcs(given: object, phases: int) -> int | tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Arcs:
-    """A motion as it left the optimiser, arc by arc, in the model's own units.
+    """A motion from the optimiser, arc by arc, in the model's own units.
 
     N is the number of arcs; points are the collocation points of an arc in order.
     """

@@ -29,7 +29,7 @@ Curve = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Guess:
-    """From where a solver starts: curves over one motion.
+    """Start of a solver: curves over one motion.
 
     Parameters
     ----------
@@ -142,9 +142,9 @@ class Guess:
         return self.duration * np.array(shares) * (phases / np.sum(phases))[mesh.phase]
 
 
-# Instants of a motion: at least so many in all and on each arc, so far inside of it.
+# Fewest instants of a motion in all and on each arc, and their distance from its ends.
 _SAMPLES, _PER_ARC, _INSIDE = 400, 3, 1e-9
-# Arcs of a smaller part of the motion last no time.
+# Arcs of a smaller share of the motion have no duration.
 _NOTHING = 1e-12
 
 
@@ -245,12 +245,12 @@ class Motion(SampledMotion):
 
     @property
     def duration(self) -> float:
-        """How long it takes."""
+        """Duration of the motion."""
         return float(self.breaks[-1])
 
     @cached_property
     def time(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Instants (m,); where arcs that last join, one stands twice, before and after."""
+        """Instants (m,); joints of arcs with duration are duplicated, before and after."""
         lasting = np.flatnonzero(self.arcs.duration > _NOTHING * self.duration)
         places = np.linspace(0, 1, max(_PER_ARC, -(-_SAMPLES // len(lasting)) + 1))
         places[-1] -= _INSIDE  # so that each time belongs to its own arc
@@ -291,7 +291,7 @@ class Motion(SampledMotion):
         t = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
         arc = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, self.mesh.total - 1)
         while np.any(empty := self.arcs.duration[arc] <= 0):
-            arc[empty] -= 1  # an arc without duration says nothing
+            arc[empty] -= 1  # an arc without duration has no values
         return arc, (t - self.breaks[arc]) / self.arcs.duration[arc]
 
     def _interpolated(self, t: np.ndarray, nodes: np.ndarray, values: np.ndarray) -> np.ndarray:

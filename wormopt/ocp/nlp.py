@@ -1,4 +1,4 @@
-"""The only caller of CasADi's nlpsol: solve, finish to the last digits, and report honestly."""
+"""The only caller of CasADi's nlpsol: solves, refines to the last digits, recomputes violations."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from scipy.sparse.linalg import splu
 from wormopt.errors import ArgumentError
 from wormopt.model.given import check_flag, check_number, make_plain, whole
 
-# CasADi takes an interrupt for a failed solve; these are its names for one.
+# CasADi reports an interrupt as a failed solve with one of these statuses.
 _STOPPED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
 _LATE = ("Maximum_CpuTime_Exceeded", "Maximum_WallTime_Exceeded")
 
 
 class Solver(Hashable, Protocol):
-    """Which of CasADi's NLP solvers, and its options."""
+    """NLP solver of CasADi, and its options."""
 
     @property
     def name(self) -> str:
@@ -61,7 +61,7 @@ class Plugin:
     options: tuple[tuple[str, Any], ...] = ()
 
     def as_casadi(self) -> dict[str, Any]:
-        """Options for nlpsol: those given, and silence."""
+        """Options for nlpsol: the given ones, without output."""
         given = {k: dict(v) if isinstance(v, tuple) else v for k, v in self.options}
         return {"print_time": False, "error_on_fail": False, "expand": True, **given}
 
@@ -142,7 +142,7 @@ class Ipopt:
             "ipopt.tol": self.tolerance,
             "ipopt.max_iter": self.iterations,
             "ipopt.mu_init": self.mu_init,
-            # IPOPT would relax every bound by 1e-8 and report an optimum that is too good.
+            # IPOPT would relax every bound by 1e-8 and report too good an optimum.
             "ipopt.bound_relax_factor": 0.0,
             "ipopt.honor_original_bounds": "yes",
         }
@@ -161,19 +161,19 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Solution:
-    """What a solver left: point, objective, violation as recomputed here, and how it ended."""
+    """Result of a solver: point, objective, recomputed violation, and status."""
 
     w: np.ndarray  # (n_w,) clipped to its bounds
     objective: float
-    violation: float  # largest of any bound, scaled; never the solver's word
+    violation: float  # largest of any bound, scaled; recomputed
     status: str  # the solver's return status, or "not solved"
-    success: bool  # the solver's word; judge by violation all the same
-    late: bool  # whether its time was up
+    success: bool  # reported by the solver; check the violation too
+    late: bool  # whether it exceeded its time
     iterations: int
     seconds: float  # wall-clock time
-    # s in functions by their CasADi names, nlp_hess_l say
+    # s in functions by their CasADi names, such as nlp_hess_l
     functions_s: Mapping[str, float] = field(default_factory=dict)
-    build_s: float = 0.0  # s to make the solver; 0 where it was there already
+    build_s: float = 0.0  # s to make the solver; 0 if it is cached
     # (n_g,) of the constraints: below 0 at lower bounds, above 0 at upper ones
     multipliers: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
@@ -213,7 +213,7 @@ class NonlinearProgram:
         return np.asarray(self._evaluate(w, bounds.p)[1]).ravel()
 
     def prepare(self, options: Solver) -> None:
-        """Make a solver with all derivatives, as `solve` does where there is none yet."""
+        """Make and cache a solver with all derivatives."""
         self._prepared(options)
 
     def _prepared(self, options: Solver) -> ca.Function:
@@ -222,10 +222,10 @@ class NonlinearProgram:
         return self._solvers[options]
 
     def solve(self, w0: np.ndarray, bounds: Bounds, options: Solver) -> Solution:
-        """Run a solver from `w0`; its answer counts only with the violation found here.
+        """Run a solver from `w0`; the violation is recomputed.
 
-        Nothing is raised where it fails; ArgumentError if CasADi comes without that solver,
-        KeyboardInterrupt if the user stops it. Solvers are kept by their options.
+        Failures raise nothing; ArgumentError if CasADi lacks that solver, KeyboardInterrupt if the
+        user stops it. Solvers are cached by their options.
         """
         begin = time.perf_counter()
         solver = self._prepared(options)
@@ -237,7 +237,7 @@ class NonlinearProgram:
         stats = solver.stats()
         if stats["return_status"] in _STOPPED:
             raise KeyboardInterrupt
-        # IPOPT counts the time of a restoration by itself, and may end it for another reason
+        # IPOPT counts the time of a restoration separately, and may report another reason
         most = options.seconds if isinstance(options, Ipopt) else None
         over = most is not None and time.process_time() - used > most
         late = stats["return_status"] in _LATE or (over and not stats["success"])
@@ -266,7 +266,7 @@ class NonlinearProgram:
     ) -> tuple[np.ndarray, float] | None:
         """Best step of the program linearised at `w` within |step| <= radius (n_w,).
 
-        Gives the new point and the promised change of the objective, or None. Scaled by the
+        Returns the new point and the predicted change of the objective, or None. Scaled by the
         radius (0 fixes, infinity frees), so HiGHS's tolerance 1e-10 is relative to it.
         """
         _, gradient, g, jacobian = self._linearise(w, bounds.p)
@@ -293,18 +293,15 @@ class NonlinearProgram:
         return np.clip(w + scale * answer.x, bounds.lbw, bounds.ubw), scale * float(answer.fun)
 
     def start(self, w: np.ndarray, bounds: Bounds) -> Solution:
-        """Evaluate a point as if it were a solution, with status "not solved".
-
-        As `finish` and `restore` take it.
-        """
+        """Evaluate a point as a Solution with status "not solved", for `finish` and `restore`."""
         objective = float(self._evaluate(w, bounds.p)[0])
         return Solution(w, objective, self.violation(w, bounds), "not solved", False, False, 0, 0.0)
 
     def finish(self, solution: Solution, bounds: Bounds, radius: float = 1e-3) -> Solution:
         """Take linear steps in shrinking boxes (SLP): exact active set, errors near round-off.
 
-        Removes the barrier's bias; converges quadratically where the optimum is a vertex.
-        No worse in ``objective + 10 violation``. `radius`: first box, in scaled variables.
+        Removes the barrier's bias; converges quadratically if the optimum is a vertex.
+        Not worse in ``objective + 10 violation``. `radius`: first box, in scaled variables.
         """
         start = time.perf_counter()
         best = solution
@@ -319,7 +316,7 @@ class NonlinearProgram:
                 radius /= 4
             if radius < 1e-8:
                 break
-        for small in (1e-5, 1e-7):  # what is left is a violation of second order in the box
+        for small in (1e-5, 1e-7):  # the remaining violation is of second order in the box
             candidate, _ = self._step(best, bounds, small)
             if candidate is not None and candidate.violation <= best.violation:
                 best = candidate
@@ -328,10 +325,10 @@ class NonlinearProgram:
         return replace(best, seconds=best.seconds + time.perf_counter() - start)
 
     def restore(self, solution: Solution, bounds: Bounds) -> Solution:
-        """Remove what violation an interior point left, by the shortest Newton steps.
+        """Remove the remaining violation of an interior point by the shortest Newton steps.
 
-        At most three Gauss-Newton steps of least norm; unlike `finish` keeps the active set.
-        The violation does not grow; the objective may be a little worse.
+        At most three Gauss-Newton steps of least norm; unlike `finish` it keeps the active set. The
+        violation does not increase; the objective may become slightly worse.
         """
         best = solution
         for _ in range(3):
@@ -354,7 +351,7 @@ class NonlinearProgram:
     def _step(
         self, solution: Solution, bounds: Bounds, radius: float
     ) -> tuple[Solution | None, float]:
-        """Take a linear step; also what it promised, minus infinity where there is none."""
+        """Take a linear step; also its predicted gain, minus infinity if there is none."""
         step = self.linear_step(solution.w, bounds, np.full(solution.w.shape, radius))
         if step is None:
             return None, -np.inf
@@ -371,9 +368,9 @@ def _solver(nlp: dict[str, Any], options: Solver) -> ca.Function:
 
 @contextmanager
 def _uncounted(bounds: Bounds) -> Iterator[None]:
-    """CasADi warns of too many equations, to which it counts variables that are held fast.
+    """Suppress a warning of CasADi, which counts fixed variables as equations.
 
-    IPOPT does not, and solves such programs. Whatever else is said on stderr is passed on.
+    IPOPT does not, and solves such programs. Other output on stderr is passed on.
     """
     equations = np.sum(bounds.lbw == bounds.ubw) + np.sum(bounds.lbg == bounds.ubg)
     if equations <= len(bounds.lbw):

@@ -1,4 +1,4 @@
-"""The verb `optimise`: Problem, mesh and treatment of contact in, a checked Optimum out."""
+"""The verb `optimise`: from Problem, mesh and contact treatment to a checked Optimum."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 
 Contacts = Regularised | Complementarity | FixedModes
 
-# Programs of at most so many variables are finished by linear programs: a vertex, as most shortest
-# times are, is then found to the last digits. Larger ones cost more than they gain.
+# Programs of at most this many variables are finished by linear programs: a vertex, as in most
+# minimum-time problems, is then found to the last digits. Larger ones cost more than they gain.
 _FINISHED = 200
 
-# Box, in nominal sizes, in which an optimum is tested to first order.
+# Box, in nominal sizes, for the first-order test of an optimum.
 _NEAR = 1e-3
 
-# A solve that starts at the solution of a neighbouring level begins with a small barrier.
+# A solve from the solution of a neighbouring level starts with a small barrier.
 _WARM_BARRIER = 1e-3
-# Times that a solve begins anew where it stopped, and the largest violation there.
+# Number of restarts of a solve, and the largest violation for them.
 _RESTARTS, _NEARLY = 3, 1e-3
 
 
@@ -58,7 +58,7 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """What `optimise` found, with what is known of its quality.
+    """Result of `optimise`, with measures of its quality.
 
     Parameters
     ----------
@@ -111,16 +111,16 @@ class Optimum:
     bounds: Bounds
 
     def __repr__(self) -> str:
-        return lines(f"Optimum: {self._told}", repr(self.motion).partition("\n")[0])
+        return lines(f"Optimum: {self._summary}", repr(self.motion).partition("\n")[0])
 
     @property
-    def _told(self) -> str:
+    def _summary(self) -> str:
         how = type(self.treatment).__name__
         ended = f"{self.solution.status}, {self.iterations} iterations"
         return f"objective {self.objective:.9g} ({ended}; contacts: {how})"
 
     def _repr_html_(self) -> str:
-        return html(f"Optimum: {self._told}", [self.motion.overview()])
+        return html(f"Optimum: {self._summary}", [self.motion.overview()])
 
     def plot(self, *names: str) -> Figure:
         """Draw signals of the motion over time, see `SampledMotion.plot`."""
@@ -128,7 +128,7 @@ class Optimum:
 
     @property
     def objective(self) -> float:
-        """What was minimised."""
+        """Minimised value."""
         return self.solution.objective
 
     @property
@@ -148,11 +148,11 @@ class Optimum:
 
     @cached_property
     def gain(self) -> float:
-        """By how much the objective might still fall, to first order, near by.
+        """First-order bound on the remaining decrease of the objective nearby.
 
-        What the program linearised at the solution promises in a box of a thousandth of the
-        nominal sizes; 0 at a point that obeys the conditions of Karush, Kuhn and Tucker, NaN
-        where the linear program is not solved.
+        Predicted by the program linearised at the solution in a box of a thousandth of the nominal
+        sizes; 0 at a point that satisfies the Karush-Kuhn-Tucker conditions, NaN if the linear
+        program is not solved.
         """
         radius = np.full(self.solution.w.shape, _NEAR)
         step = self.motion.program.nlp.linear_step(self.solution.w, self.bounds, radius)
@@ -168,7 +168,7 @@ class Optimum:
     def complementarity(self) -> float:
         """Largest product |w (force - force of sliding)| at the collocation points, scaled.
 
-        Zero for an exact set-valued law; for other treatments than complementarity it is found
+        Zero for an exact set-valued law; for treatments other than complementarity it is computed
         from velocities and forces.
         """
         motion = self.motion
@@ -197,7 +197,7 @@ def optimise(
     report: Report = silent,
     explain: bool = True,
 ) -> Optimum:
-    """Find a local optimum, level after level of the treatment of contact.
+    """Find a local optimum, level after level of the contact treatment.
 
     Parameters
     ----------
@@ -314,16 +314,16 @@ def _targets(treatment: Contacts) -> Sequence[ModeSequence | float]:
 
 
 def _ended_well(solution: Solution) -> bool:
-    """Whether a solver found an optimum; some stop where they make no progress any more."""
+    """Whether a solver found an optimum; some stop when they make no more progress."""
     return solution.success or solution.status in ("Solved_To_Acceptable_Level",)
 
 
 def _solve(
     program: Transcription, w: np.ndarray, bounds: Bounds, solver: Solver, *, warm: bool
 ) -> Solution:
-    """Solve one level: where that leads nowhere with a large barrier, then guarded durations.
+    """Solve one level; if a large barrier fails, with guarded durations.
 
-    From a nearly feasible point it begins anew, with a smaller barrier and no memory of its way.
+    From a nearly feasible point restart with a smaller barrier and without history.
     """
     lost = None
     if warm and isinstance(solver, Ipopt):
@@ -334,7 +334,7 @@ def _solve(
     solution = _after(lost, program.nlp.solve(w, bounds, solver))
     if not (warm or solution.late or solution.violation <= FEASIBLE):
         guarded = program.guarded(bounds)
-        # of fixed durations nothing is guarded that was not: it would be the same solve
+        # with fixed durations guarding changes nothing: it would be the same solve
         if np.any(guarded.lbw != bounds.lbw) or np.any(guarded.ubw != bounds.ubw):
             solution = _after(solution, program.nlp.solve(w, guarded, solver))
     for _ in range(_RESTARTS):
@@ -349,7 +349,7 @@ def _solve(
 
 
 def _after(lost: Solution | None, solution: Solution) -> Solution:
-    """Count what a solve in vain has cost."""
+    """Add the cost of a failed solve."""
     if lost is None:
         return solution
     return replace(
@@ -402,7 +402,7 @@ def refine(
     Returns
     -------
     Optimum
-        The last one; whether it got there its ``defects`` tell.
+        The last one; its ``defects`` show whether it reached the tolerance.
 
     Raises
     ------
@@ -459,7 +459,7 @@ def refine(
             p=p,
             pins=pins,
             solver=solver,
-            explain=False,  # limits do not conflict: they were met on the coarser mesh
+            explain=False,  # limits do not conflict: the coarser mesh met them
         )
         optimum = replace(
             again,

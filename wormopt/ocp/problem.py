@@ -1,4 +1,4 @@
-"""What to optimise: a Model, an objective over its ends and integrals, and bounds along the way."""
+"""Optimal-control problems: a Model, an objective of ends and integrals, and path bounds."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Constraint:
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Symbols for what a whole motion amounts to: its two ends, its duration, its integrals.
+    """Symbols for ends, duration and integrals of a motion.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ class Problem:
 
     @property
     def parameters(self) -> list[Signal]:
-        """Parameters of the model that are not chosen along with the motion."""
+        """Parameters of the model that are not optimised."""
         chosen = [signal.symbol for signal in self.design]
         return [signal for signal in self.model.p if not _within(signal.symbol, chosen)]
 
@@ -336,7 +336,7 @@ _ALONG = (
 )
 
 
-# Part of a bound, and of its nominal size, within which ends count as meeting it.
+# Share of a bound, and of its nominal size, within which ends satisfy it.
 _ROUNDING = 1e-6
 
 
@@ -349,7 +349,7 @@ def _within(column: ca.SX, columns: Sequence[ca.SX]) -> bool:
 def _refuse_contradictions(problem: Problem) -> None:
     """Raise ArgumentError if linear constraints of the ends contradict each other.
 
-    States that return count too. The message names constraints of which none can be left out.
+    Returning states are included. The message names a minimal set of constraints.
     """
     if not problem.boundary_constraints:
         return
@@ -381,7 +381,7 @@ def _refuse_contradictions(problem: Problem) -> None:
         if _contradict(matrix[fewer], low[fewer], high[fewer], box):
             kept = fewer
     listed = [repr(name) for name in dict.fromkeys(names[kept].tolist())]
-    if len(listed) > 1:  # one that does not fit the duration alone is explained by the solve
+    if len(listed) > 1:  # a solve explains one that contradicts only the duration
         raise ArgumentError(
             f"the constraints of the ends {' and '.join(listed)} contradict each other; change or "
             "leave out one of them"
@@ -389,8 +389,8 @@ def _refuse_contradictions(problem: Problem) -> None:
 
 
 def _contradict(matrix: Any, low: np.ndarray, high: np.ndarray, box: np.ndarray) -> bool:
-    """Whether no point of a box meets low <= matrix @ point <= high, but for rounding."""
-    from scipy import optimize, sparse  # here, not above: who states no problem does without
+    """Whether no point of a box satisfies low <= matrix @ point <= high, up to rounding."""
+    from scipy import optimize, sparse  # not imported unless needed
 
     below, above = np.isfinite(high), np.isfinite(low)
     bounds = np.concatenate([high[below], -low[above]])
@@ -398,7 +398,7 @@ def _contradict(matrix: Any, low: np.ndarray, high: np.ndarray, box: np.ndarray)
         return False
     rows = sparse.vstack([matrix[below], -matrix[above]])
     slack = sparse.csr_matrix(-_ROUNDING * (1 + np.abs(bounds))[:, None])
-    # the least multiple of the slack that meets all rows
+    # the least multiple of the slack with which all rows are satisfied
     answer = optimize.linprog(
         np.append(np.zeros(matrix.shape[1]), 1.0),
         A_ub=sparse.hstack([rows, slack]),
@@ -410,7 +410,7 @@ def _contradict(matrix: Any, low: np.ndarray, high: np.ndarray, box: np.ndarray)
 
 
 def _returns(problem: Problem) -> Iterator[Constraint]:
-    """Constraints by which states return."""
+    """Constraints of periodic states."""
     change, at = problem.ends.end - problem.ends.start, 0
     for signal in problem.model.x:
         own = change[at : at + signal.size]

@@ -1,4 +1,4 @@
-"""Quadratic programs of stages in a row, solved by HPIPM through CasADi."""
+"""Quadratic programs of successive stages, solved by HPIPM through CasADi."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from wormopt.ocp.stages import Linearised
 _SOLVER = "hpipm"
 _EXACT = dict.fromkeys(("res_g_max", "res_b_max", "res_d_max"), 1e-9) | {"res_m_max": 1e-11}
 _OPTIONS = {"mode": "balance", "iter_max": 50, **_EXACT}
-# HPIPM knows no missing bound: changes, in nominal sizes, are kept within so much instead. The
-# usual 1e8 would cost it all its iterations.
+# HPIPM needs all bounds: changes, in nominal sizes, are limited by this instead. The usual 1e8
+# would cost all its iterations.
 _FAR = 1e4
-# What dynamics and box may miss, against the largest change.
+# Tolerance of dynamics and box, relative to the largest change.
 _HOLDS = 1e-6
-# The least of what a slope may be, against its terms, and the room that is left down it.
+# Least slope relative to its terms, and remaining distance down the slope.
 _STILL = 1e-4
-# Slopes whose terms are below are nothing: multipliers times room are exact to 1e-11.
+# Slopes with smaller terms are 0: multipliers times distance are exact to 1e-11.
 _SLOPE = 1e-3
 
 
@@ -33,14 +33,14 @@ class Tail:
 
     @classmethod
     def none(cls, n_x: int) -> Tail:
-        """The last state costs nothing."""
+        """Zero cost of the last state."""
         return cls(np.zeros(n_x), np.zeros((n_x, n_x)))
 
 
 class StageProgram:
     """min sum of quadratic costs of v = (x, u), x_{k+1} = end_k + dynamics_k v_k, u in a box.
 
-    Made once for a number of stages. Raises ArgumentError where this CasADi has no HPIPM.
+    Made once for a number of stages. Raises ArgumentError if this CasADi has no HPIPM.
     """
 
     def __init__(self, stages: int, n_x: int, n_u: int) -> None:
@@ -52,9 +52,9 @@ class StageProgram:
         n_u += self._idle
         self.stages, self.n_x, self.n_u = stages, n_x, n_u
         n_v = n_x + n_u
-        # The first state is known and no variable: bounds that are equal would slow HPIPM down.
+        # The first state is known and no variable: equal bounds would slow HPIPM down.
         self._costs, self._rows = (m.sparsity() for m in self._patterns())
-        # where the nonzeros stand among those of the stages
+        # positions of the nonzeros among those of the stages
         i, j = (np.array(p) + n_x for p in (self._costs.row(), self._costs.get_col()))
         k = np.minimum(i // n_v, stages)
         self._cost_places = k, i - k * n_v, j - k * n_v
@@ -95,10 +95,10 @@ class StageProgram:
         tail: Tail,
         box: tuple[np.ndarray, np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Find changes (N, n_v) of all stages and (n_x,) of the last state, and whether it did.
+        """Find changes (N, n_v) of all stages and (n_x,) of the last state, and whether they fit.
 
-        `first` (n_x,): change of the first state; `gaps` (N, n_x): by how much the end of each
-        arc is ahead of the next start; `box`: least and largest change of inputs, (N, n_u) each.
+        `first` (n_x,): change of the first state; `gaps` (N, n_x): differences between the end of
+        each arc and the next start; `box`: least and largest change of inputs, (N, n_u) each.
         """
         box = np.clip(box[0], -_FAR, None), np.clip(box[1], None, _FAR)
         parts = (first, arcs.hessian, arcs.dynamics, arcs.gradient, gaps)
@@ -140,7 +140,7 @@ class StageProgram:
         )
         found = np.append(first, np.asarray(answer["x"]).ravel())
         v, end = found[: n * n_v].reshape(n, n_v), found[n * n_v :]
-        v[:, n_x:] = np.clip(v[:, n_x:], *box)  # to the last digit
+        v[:, n_x:] = np.clip(v[:, n_x:], *box)  # exactly
         return v, end, np.asarray(answer["lam_a"]).reshape(n, n_x)
 
     def _hessian(self, arcs: Linearised, tail: Tail) -> ca.DM:
@@ -155,7 +155,7 @@ class StageProgram:
 
 
 def _with_idle_input(arcs: Linearised) -> Linearised:
-    """The same arcs with one input more, of cost u^2 / 2, that moves nothing."""
+    """The same arcs with one more input, of cost u^2 / 2, without effect."""
     n, n_x, n_v = arcs.dynamics.shape
     hessian = np.zeros((n, n_v + 1, n_v + 1))
     hessian[:, :n_v, :n_v], hessian[:, n_v, n_v] = arcs.hessian, 1.0
@@ -174,7 +174,7 @@ def _holds(
     gaps: np.ndarray,
     box: tuple[np.ndarray, np.ndarray],
 ) -> bool:
-    """Whether changes obey dynamics and box, found anew: never the solver's word."""
+    """Whether changes satisfy dynamics and box, recomputed here."""
     n_x = len(end)
     missed = (arcs.dynamics @ v[:, :, None])[:, :, 0] + gaps
     missed -= np.concatenate([v[1:, :n_x], end[None]])
@@ -190,9 +190,9 @@ def _still(
     box: tuple[np.ndarray, np.ndarray],
     multipliers: np.ndarray,
 ) -> bool:
-    """Whether no way down is left, found anew: the solver may give up without a word.
+    """Whether no descent is left, recomputed: the solver may give up silently.
 
-    Each slope of the Lagrangian is nothing against its terms, or the room down it is.
+    Each slope of the Lagrangian is negligible relative to its terms, or the distance down it is.
     """
     n_x = len(end)
     parts = np.zeros((4, len(v) + 1, v.shape[1]))

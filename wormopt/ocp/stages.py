@@ -1,8 +1,7 @@
 """A transcribed problem as stages: arcs linearised one by one, their inner unknowns eliminated.
 
-What is left of an arc is how its end follows from its start and inputs, and a quadratic cost of
-these: the form in which receding horizons and moving windows are solved, arc for arc the same
-equations as those of the nonlinear program.
+An arc becomes its end as a function of its start and inputs, with a quadratic cost: the form of
+receding and moving horizons, with the same equations as those of the nonlinear program.
 """
 
 from __future__ import annotations
@@ -22,37 +21,37 @@ from wormopt.simulation.call import Call
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What is given to arcs, a row for each: durations and clocks are part of their variables."""
+    """Inputs of arcs, a row for each: durations and clocks are part of their variables."""
 
     levels: np.ndarray  # (N, n_level) width of the smooth law
     schedules: np.ndarray  # (N, n_schedules)
-    p: np.ndarray  # (n_p,) parameters of the model, alike for all arcs
+    p: np.ndarray  # (n_p,) parameters of the model, equal for all arcs
 
     def part(self, arcs: slice) -> Given:
-        """The same of some arcs."""
+        """Inputs of a subset of arcs."""
         return Given(self.levels[arcs], self.schedules[arcs], self.p)
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """N arcs linearised where they are; v is start and inputs of an arc, all scaled.
+    """N linearised arcs; v is start and inputs of an arc, all scaled.
 
-    Everything is a change: that of v, of the end of the arc, of what is inside it.
+    Everything is a change: of v, of the end of the arc, of its inner variables.
     """
 
-    end: np.ndarray  # (N, n_x) end of the arc once its equations hold, v unchanged
+    end: np.ndarray  # (N, n_x) end of the arc that satisfies its equations, v unchanged
     dynamics: np.ndarray  # (N, n_x, n_v) end by v
     cost: np.ndarray  # (N,) before any change
     gradient: np.ndarray  # (N, n_v) of the cost by v
     hessian: np.ndarray  # (N, n_v, n_v) of the cost by v
-    inner: np.ndarray  # (N, n_z) change inside by which the equations hold, v unchanged
-    inner_by: np.ndarray  # (N, n_z, n_v) inside by v
+    inner: np.ndarray  # (N, n_z) change of inner variables by which the equations hold, v unchanged
+    inner_by: np.ndarray  # (N, n_z, n_v) inner variables by v
     defect: float  # largest residual of the arcs' equations
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """How N arcs depend on chosen parameters."""
+    """Derivatives of N arcs by chosen parameters."""
 
     end: np.ndarray  # (N, n_x, n_chosen) by the logarithm of each
     inner: np.ndarray  # (N, n_z, n_chosen)
@@ -61,9 +60,9 @@ class Sensitivity:
 class Stages:
     """Arcs of a transcription on a fixed grid, with smooth contact or none, as stages.
 
-    The objective is a weighted sum of the problem's integrals. Its Hessian on an arc is its own
-    alone, without the curvature of the equations: that of Gauss and Newton where integrands are
-    sums of squares. Raises ArgumentError for problems of another form.
+    The objective is a weighted sum of the problem's integrals. The Hessian of an arc excludes the
+    curvature of the equations: it is that of Gauss-Newton for integrands that are sums of squares.
+    Raises ArgumentError for problems of another form.
     """
 
     def __init__(self, program: Transcription) -> None:
@@ -98,7 +97,7 @@ class Stages:
 
     @cached_property
     def _symbols(self) -> tuple[list[ca.SX], list[ca.SX]]:
-        """Variables, level, schedules and p; what vanishes, the arc's end, its cost."""
+        """Variables, level, schedules and p; residuals, the arc's end, its cost."""
         function = self.arc.function
         y, level, schedules, p = (ca.SX.sym(f"arc_{k}", function.size1_in(k)) for k in (0, 1, 2, 4))
         equal, _, _, _, _, end, integrals = function(y, level, schedules, ca.SX(0, 1), p)
@@ -157,7 +156,7 @@ class Stages:
         )
 
     def sensitivity(self, rows: np.ndarray, given: Given, chosen: np.ndarray) -> Sensitivity:
-        """How arcs depend on the logarithms of chosen parameters, by their places in p."""
+        """Derivatives of arcs by the logarithms of chosen parameters, given by indices in p."""
         G, E, Gp, Ep = self._at(self._by_parameters, rows, given)
         size = given.p[chosen]
         inner = -np.linalg.solve(G, Gp[:, :, chosen] * size)
@@ -165,7 +164,7 @@ class Stages:
 
 
 def _weights(program: Transcription) -> np.ndarray:
-    """Weights of the integrals in the objective, which has nothing else in it."""
+    """Weights of the integrals in the objective, which contains nothing else."""
     problem, arc, mesh = program.problem, program.arc, program.mesh
     ends = problem.ends
     slope = ca.gradient(problem.minimise / problem.nominal, ends.integrals)

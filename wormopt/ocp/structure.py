@@ -1,4 +1,4 @@
-"""Read off a relaxed motion which contact rests when and which input is at which limit."""
+"""Structure of a relaxed motion: resting contacts and inputs at limits in each phase."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Structure:
 
 
 def structure_of(motion: Motion, *, speed: float | None, least: int = 1) -> Structure:
-    """Read the phases off a motion with smoothed or complementary contact on a fine mesh.
+    """Extract phases from a motion with smoothed or complementary contact on a fine mesh.
 
-    A contact slower than `speed` rests; if None, inputs alone make phases. Runs of fewer
-    than `least` arcs are taken for noise and given to their longer neighbour.
+    A contact slower than `speed` rests; if None, only inputs make phases. Runs of fewer than
+    `least` arcs are noise and join their longer neighbour.
     """
     modes = np.zeros((0, motion.mesh.total), dtype=int)
     if speed is not None:
@@ -55,7 +55,7 @@ def _contact_modes(motion: Motion, speed: float) -> np.ndarray:
 
 
 def _active_inputs(motion: Motion) -> np.ndarray:
-    """Which limit every input is at on every arc, shape (n_u, N)."""
+    """Active limit of every input on every arc, shape (n_u, N)."""
     rows = []
     middle = (motion.breaks[:-1] + motion.breaks[1:]) / 2
     values, at = motion.inputs(middle), 0
@@ -72,7 +72,7 @@ Run = tuple[tuple[tuple[int, ...], tuple[int, ...]], int]
 
 
 def _joined(runs: Iterable[Run]) -> list[Run]:
-    """Runs of which no two neighbours have the same key."""
+    """Runs without neighbours of equal key."""
     joined: list[Run] = []
     for key, length in runs:
         if joined and joined[-1][0] == key:

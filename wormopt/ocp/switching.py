@@ -1,4 +1,4 @@
-"""From a relaxed optimum to an exact one: read its phases, free their durations, solve again."""
+"""From a relaxed optimum to an exact one: extract its phases, free their durations, solve again."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from wormopt.ocp.optimise import Optimum, optimise, refine
 from wormopt.ocp.structure import Structure, structure_of
 from wormopt.progress import Report, silent
 
-# An exact optimum worse than the relaxed one by more than the first part of the objective may come
-# from misread phases, so that others are tried; by more than the second it is none of its kind.
+# An exact optimum worse than the relaxed one by more than the first share of the objective may have
+# wrong phases, so that others are tried; by more than the second it is rejected.
 _ALIKE, _FAMILIAR = 0.01, 0.1
-# Most readings tried.
+# Most structures tried.
 _READINGS = 6
 
 
@@ -116,19 +116,19 @@ def optimise_switching_times(
     near = replace(solver, mu_init=1e-5, warm=True) if isinstance(solver, Ipopt) else solver
     try:
         refined = refine(found[0], tolerance, p=p, solver=near, report=report)
-    except SolveError:  # its defects tell how exact it is
+    except SolveError:  # its defects show how exact it is
         return found[0]
     return refined if _loss(refined, relaxed) <= _FAMILIAR else found[0]
 
 
 def _loss(exact: Optimum, relaxed: Optimum) -> float:
-    """By which part of their size the exact objective is worse than the relaxed one."""
+    """Relative loss of the exact objective to the relaxed one."""
     size = max(abs(relaxed.objective), abs(exact.objective), 1e-300)
     return (exact.objective - relaxed.objective) / size
 
 
 def _readings(relaxed: Optimum) -> Iterator[Structure]:
-    """Different structures by what is taken for rest and for noise, the plainest first."""
+    """Different structures by thresholds of rest and noise, the simplest first."""
     seen = set()
     for least in (2, 3, 1, 5):
         for speed in resting_speeds(relaxed):
@@ -140,7 +140,7 @@ def _readings(relaxed: Optimum) -> Iterator[Structure]:
 
 
 def resting_speeds(relaxed: Optimum) -> tuple[float, ...]:
-    """Speeds below which a contact may be said to rest, the likeliest first.
+    """Speeds below which a contact may rest, the likeliest first.
 
     `relaxed` has smoothed or complementary contact.
     """
@@ -172,5 +172,5 @@ def _solve(
         guess,
         p=p,
         solver=solver,
-        explain=False,  # a misread phase is no conflict of limits
+        explain=False,  # a wrong phase is no conflict of limits
     )

@@ -1,10 +1,10 @@
 """Direct collocation: the nonlinear program of a Problem on a Mesh, for any Model.
 
 Every phase is a row of arcs; on an arc the states are polynomials (collocation), the inputs
-polynomials of lower degree. Arcs are free in duration, or have fixed shares of their phase, whose
-duration may be free. What contacts do enters by parameters, so that one nonlinear program serves
-all mode sequences of as many phases, all widths of a smoothed law, all relaxations of a
-complementarity. Bounds are put on Bernstein coefficients: they hold at every instant of the
+polynomials of lower degree. Durations of arcs are free, or have fixed shares of their phase, whose
+duration may be free. Contact modes and levels are parameters, so that one nonlinear program serves
+all mode sequences of as many phases, all widths of a smoothed law and all relaxations of a
+complementarity. Bounds apply to Bernstein coefficients: they hold at every instant of the
 polynomials, not only at nodes.
 """
 
@@ -32,7 +32,7 @@ class Transcription:
     """The nonlinear program of a problem on a mesh, with contacts treated in one of three ways.
 
     Variables of ``nlp``, in nominal sizes: arc after arc the rows of `Layout`, then design
-    constants. Raises ArgumentError if impulses are asked for without prescribed modes.
+    constants. Raises ArgumentError if impulses are requested without prescribed modes.
     """
 
     def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment | None = None) -> None:
@@ -58,9 +58,9 @@ class Transcription:
         equal, small, following, rows, before, end, integrals = arc.map(n)(
             y, levels, schedules, ca.repmat(design, 1, n), ca.repmat(p, 1, n)
         )
-        # Ends, duration and integrals are variables of their own: an objective that couples them
-        # would otherwise couple all arcs, and fill the Hessian. Integrals are summed arc by arc:
-        # a row in which all arcs stand would make the derivatives of long meshes slow to find.
+        # Ends, duration and integrals are variables: an objective that couples them would otherwise
+        # couple all arcs, and fill the Hessian. Integrals are summed arc by arc: one row with all
+        # arcs would make the derivatives of long meshes slow to find.
         tally = ca.reshape(tallies, n_integrals, n)
         running = ca.horzcat(ca.MX(n_integrals, 1), tally[:, : n - 1]) + integrals
         ends = ca.vertcat(end[:, n - 1], self._total_duration(y))
@@ -91,7 +91,7 @@ class Transcription:
         return NonlinearProgram(w, parameters, objective, ca.vertcat(constraints, boundary))
 
     def _total_duration(self, y: ca.MX) -> ca.MX:
-        """Sum of all durations; by those of the first arcs where shares tell the others."""
+        """Sum of all durations; by those of the first arcs if shares give the others."""
         if self.mesh.shares is None:
             return ca.sum2(y[0, :])
         first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
@@ -99,7 +99,7 @@ class Transcription:
         return y[0, first.tolist()] @ (whole / np.array(self.mesh.shares)[first])
 
     def _joints(self, y: ca.MX, before: ca.MX, end: ca.MX, last: ca.MX) -> ca.MX:
-        """What vanishes where arcs join: states, clocks, shares of durations, the period."""
+        """Residuals where arcs join: states, clocks, shares of durations, the period."""
         n, at = self.mesh.total, self.arc.layout
         parts = [ca.vec(before[:, 1:] - end[:, : n - 1])]
         if self.arc.timed:
@@ -162,20 +162,20 @@ class Transcription:
     ) -> Bounds:
         """Bounds and parameters of the program for given modes, width or relaxation.
 
-        `pins`: start times by phase, which pick pieces of schedules. `active`, per phase and
-        input: -1 lower limit, +1 upper, 0 free. ArgumentError if phases or schedules misfit.
+        `pins`: start times by phase, which select pieces of schedules. `active`, per phase and
+        input: -1 lower limit, +1 upper, 0 free. ArgumentError if phases or schedules do not fit.
         """
         return self._limits.bounds(level, p, pins, active)
 
     def name_of(self, row: int) -> str:
-        """What a row of the constraints is about, in words."""
+        """Description of a row of the constraints."""
         return self._limits.name_of(row)
 
     def guarded(self, bounds: Bounds) -> Bounds:
-        """Say of every arc that its duration is not negative, where its phase says so already.
+        """Bound every arc's duration by 0 from below, even if its phase implies it.
 
-        The stronger barrier keeps durations from collapsing in an interior point: more
-        iterations, but motions are found from poorer starts.
+        The stronger barrier keeps durations from collapsing in an interior point: more iterations,
+        but motions are found from worse starts.
         """
         rows = self.arc.layout.size * np.arange(self.mesh.total)
         lower, upper = bounds.lbw.copy(), bounds.ubw.copy()
@@ -186,7 +186,7 @@ class Transcription:
     # -- variables in and out --------------------------------------------------------------
 
     def unpack(self, w: np.ndarray) -> Arcs:
-        """Read the program's variables (n_w,) back in the model's units."""
+        """Convert the program's variables (n_w,) to the model's units."""
         arc, at, n, d = self.arc, self.arc.layout, self.mesh.total, self.mesh.collocation.degree
         y = w[: at.size * n].reshape((at.size, n), order="F")
 
@@ -207,10 +207,10 @@ class Transcription:
         )
 
     def pack(self, arcs: Arcs, bounds: Bounds | None = None) -> np.ndarray:
-        """Write a motion on this mesh into the program's variables (n_w,); inverse of `unpack`.
+        """Convert a motion on this mesh to the program's variables (n_w,); inverse of `unpack`.
 
         Integrals are evaluated with the parameters of `bounds`, and zero without it.
-        `on_finer_mesh` brings a motion here from a coarser mesh.
+        `on_finer_mesh` converts a motion from a coarser mesh.
         """
 
         def block(values: np.ndarray, nominal: np.ndarray) -> np.ndarray:
@@ -236,7 +236,7 @@ class Transcription:
         return self._with_totals(y, arcs.design / arc.design_nominal, bounds)
 
     def _with_totals(self, y: np.ndarray, design: np.ndarray, bounds: Bounds | None) -> np.ndarray:
-        """Variables of the program: those of the arcs, what they amount to, design constants."""
+        """Variables of the program: those of the arcs, their totals, design constants."""
         n_x, n_totals = self.problem.model.n_x, self._totals.size1_out(0)
         w = np.concatenate([y.ravel(order="F"), np.zeros(n_totals), design])
         totals = slice(y.size, y.size + n_totals)
@@ -266,7 +266,7 @@ class Transcription:
         return self._with_totals(y, np.zeros(len(self.arc.design_nominal)), None)
 
     def nominal_extras(self) -> dict[str, np.ndarray]:
-        """Slacks and design constants at their nominal sizes: what a motion does not tell.
+        """Slacks and design constants at their nominal sizes, which a motion does not contain.
 
         ``slacks`` (n_s, degree, arcs) and ``design`` (n_p,), to put into `Arcs`.
         """

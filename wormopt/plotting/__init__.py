@@ -1,6 +1,6 @@
-"""Pictures of results; all they know is the names of a Result's variables and scalars.
+"""Pictures of results, from the names of their variables and scalars only.
 
-Which there are says the registry of kinds; each is loaded when it is drawn.
+The registry of kinds lists them; each is loaded when it is drawn.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from wormopt.result import Result
 _DPI, _FILM_DPI = 200, 100
 _FRAMES_PER_SECOND = 12
 _INCH = 25.4
-_EDGE = 0.05  # left free around a heading, in inches
+_EDGE = 0.05  # margin around a heading, in inches
 _METADATA: dict[str, dict[str, Any]] = {
     "png": {"Comment": MARK},
     "svg": {"Date": None, "Description": MARK},
@@ -38,7 +38,7 @@ _METADATA: dict[str, dict[str, Any]] = {
 
 
 def pictures_of(result: Result) -> Mapping[str, str]:
-    """What can be drawn of results of this kind, and by which function, "module:function"."""
+    """Pictures of results of this kind, with their functions, "module:function"."""
     kind = kind_of(result)
     return kind.pictures if kind else {}
 
@@ -53,7 +53,7 @@ def figure(
 ) -> Figure:
     """Compose a picture; `save` writes it. Parameters and errors are those of `draw`.
 
-    An animation gives its first frame. A result that failed is marked in any case.
+    An animation gives its first frame. A failed result is always marked.
     """
     for name, size in (("width", width), ("height", height)):
         if size is not None and not 30 <= size <= 2000:
@@ -137,7 +137,7 @@ def save(drawn: Figure, target: Path | IO[bytes], form: str) -> None:
 
 
 def _lay_out(drawn: Figure, dpi: float) -> None:
-    """Lay a figure out for good, to round numbers: the last digits of the solver vary."""
+    """Lay a figure out with rounded positions: the last digits of the solver vary."""
     drawn.set_dpi(dpi)
     drawn.draw_without_rendering()
     drawn.set_layout_engine("none")
@@ -149,7 +149,7 @@ def _lay_out(drawn: Figure, dpi: float) -> None:
 @contextmanager
 def _style() -> Iterator[None]:
     with rc_context(STYLE), warnings.catch_warnings():
-        # a title may hold letters that the font lacks; the picture is good all the same
+        # a title may have letters that the font lacks
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         yield
 
@@ -164,7 +164,7 @@ def _composer(result: Result, picture: str) -> Callable[[Result], Figure]:
 
 
 def no_picture(result: Result, picture: str) -> str:
-    """Say that there is no such picture, and which there are."""
+    """Message that there is no such picture, with a list of those there are."""
     from difflib import get_close_matches
 
     pictures = pictures_of(result)
@@ -188,7 +188,7 @@ def _form(path: Path, *, moves: bool) -> str:
 
 
 def _entitle(drawn: Figure, result: Result, height: float | None, title: bool) -> None:
-    """Put title and facts above a picture, which grows by them where no height is asked for."""
+    """Put title and facts above a picture, whose height grows unless it is given."""
     canvas = FigureCanvasAgg(drawn)
     known = [text for text in drawn.texts if text.get_label() == FACTS]
     facts = "; ".join(text.get_text() for text in known)
@@ -222,7 +222,7 @@ def _entitle(drawn: Figure, result: Result, height: float | None, title: bool) -
 
 
 def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
-    """Write words or facts, in lines no longer than `room`, in pixels."""
+    """Break words or facts into lines no longer than `room`, in pixels."""
 
     def fits(line: str) -> bool:
         text.set_text(line)
@@ -230,7 +230,7 @@ def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
 
     lines = [""]
     for part in parts:
-        # of a fact that is longer than a line the words
+        # words of a fact that is longer than a line
         for k, piece in enumerate([part] if fits(part) else part.split(" ")):
             joint = (" " if k else between) if lines[-1] else ""
             if fits(lines[-1] + joint + piece):

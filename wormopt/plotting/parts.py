@@ -1,4 +1,4 @@
-"""What the pictures share: sheet, colours, style, labels, facts, legends and limits.
+"""Common parts of pictures: sheet, colours, style, labels, facts, legends and limits.
 
 Everything is numbered from 0: mass 0 is the head, link 0 joins masses 0 and 1.
 
@@ -35,8 +35,8 @@ from wormopt.result import Result
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType  # since Matplotlib 3.11
 
-# Colour-blind-safe: masses by Tol ("muted"), links by Okabe and Ito. Dashes tell links apart in
-# grey, and where one curve lies on another.
+# Safe for colour-blind readers: masses by Tol ("muted"), links by Okabe and Ito. Dashes distinguish
+# links in grey, and where curves overlap.
 MASSES = ("#332288", "#CC6677", "#117733", "#DDAA33", "#4BA3D3",
            "#882255", "#44AA99", "#999933", "#AA4499")  # fmt: skip
 LINKS = ("#0072B2", "#E69F00", "#009E73", "#D55E00") * 2
@@ -79,7 +79,7 @@ STYLE: dict[RcKeyType, Any] = {
     "lines.solid_capstyle": "butt",
     "patch.linewidth": 0.6,
     "mathtext.fontset": "dejavusans",
-    # letters as outlines: the same on a machine without our font, and the same bytes each time
+    # letters as outlines: independent of installed fonts, and the same bytes each time
     "svg.fonttype": "path",
     "svg.hashsalt": "wormopt",
     "pdf.fonttype": 42,
@@ -87,22 +87,22 @@ STYLE: dict[RcKeyType, Any] = {
 
 
 class Sheet(Figure):
-    """A figure that notebooks show, though it is bound to no window."""
+    """A figure that notebooks show, without a window."""
 
     def _repr_png_(self) -> bytes:
         file = BytesIO()
         with rc_context(STYLE), warnings.catch_warnings():
-            # a title may hold letters that the font lacks; the picture is good all the same
+            # a title may have letters that the font lacks
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
             self.savefig(file, format="png")
         return file.getvalue()
 
 
 def sheet(width: float, height: float, narrow: float | None = None) -> Figure:
-    """Give an empty figure as wide as pictures are to be, bound to no window.
+    """Make an empty figure of the requested width, without a window.
 
-    `width` and `height` are its proportions, in inches where it fills a page; `narrow` its height
-    in inches in one column, where that is not in proportion.
+    `width` and `height` are its proportions, in inches if it fills a page; `narrow` its height in
+    inches in one column, if that is not in proportion.
     """
     wanted = rcParams["figure.figsize"][0]
     tall = height * wanted / width
@@ -113,24 +113,24 @@ def sheet(width: float, height: float, narrow: float | None = None) -> Figure:
 
 
 def narrow() -> bool:
-    """Whether pictures are to go into one column: legends and panels then stand below others."""
+    """Whether pictures are one column wide: legends and panels are then below others."""
     return rcParams["figure.figsize"][0] * _INCH < _NARROW
 
 
 def tell(drawn: Figure, *parts: str) -> None:
-    """Say facts, one text each, in the heading of a picture; empty ones are left out."""
+    """Put facts, one text each, in the heading of a picture; empty ones are left out."""
     text = "; ".join(part for part in parts if part)
     if text:
         drawn.text(0.0, 1.0, text, label=FACTS)
 
 
-FACTS = "facts"  # label of the texts that go with the heading
+FACTS = "facts"  # label of the texts in the heading
 
 
 def fact(result: Result, name: str, words: str = "", unit: str = "") -> str:
-    """Say a scalar in words, in its unit or a multiple ("mm s-1" of m s-1, "%" of 1).
+    """Describe a scalar, in its unit or a multiple ("mm s-1" of m s-1, "%" of 1).
 
-    Empty where the result has no such number; dimensionless ones stay so.
+    Empty if the result has no such number; dimensionless ones stay so.
     """
     known = result.scalars.get(name)
     if known is None or isinstance(known.value, bool) or not isinstance(known.value, int | float):
@@ -138,12 +138,12 @@ def fact(result: Result, name: str, words: str = "", unit: str = "") -> str:
     times = _multiple(known.unit, unit)
     unit = unit if times else known.unit
     times = times or 1.0
-    told = f"{words or name.replace('_', ' ')} {number(times * known.value)}"
-    return f"{told}\N{NO-BREAK SPACE}{raised(unit or known.unit)}".rstrip()
+    described = f"{words or name.replace('_', ' ')} {number(times * known.value)}"
+    return f"{described}\N{NO-BREAK SPACE}{raised(unit or known.unit)}".rstrip()
 
 
 def _multiple(unit: str, wanted: str) -> float | None:
-    """How many of the wanted unit one is; None where it is no multiple."""
+    """Number of wanted units in one unit; None if it is no multiple."""
     if unit == "1":
         return 100.0 if wanted == "%" else None
     times = {"": 1.0, "m": 1e3, "µ": 1e6, "k": 1e-3}.get(wanted.removesuffix(unit))
@@ -152,7 +152,7 @@ def _multiple(unit: str, wanted: str) -> float | None:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Write a number with so many significant digits, powers of ten raised."""
+    """Format a number with this many significant digits, powers of ten raised."""
     mantissa, _, exponent = f"{value:.{digits}g}".replace("-", "−").partition("e")
     if not exponent:
         return mantissa
@@ -160,7 +160,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def needed(result: Result, name: str) -> Any:
-    """Value of a scalar or attribute; UnknownNameError where the result has neither."""
+    """Value of a scalar or attribute; UnknownNameError if the result has neither."""
     value = scalar(result, name)
     if value is None:
         known = [*result.scalars, *result.attributes]
@@ -171,9 +171,9 @@ def needed(result: Result, name: str) -> Any:
 def draw_limits(
     axes: Axes, limits: Sequence[tuple[float, ...]], colours: Sequence[str] = LINKS
 ) -> list[Line2D]:
-    """Thin dashed lines: grey where all curves share them, in their own colours otherwise.
+    """Thin dashed lines: grey if all curves share them, in their own colours otherwise.
 
-    `limits`: levels, one tuple per curve; empty draws nothing. Gives what a legend says of them.
+    `limits`: levels, one tuple per curve; empty draws nothing. Returns entries of the legend.
     """
     shared = len(set(limits)) == 1
     for values, colour in zip(limits[:1] if shared else limits, colours, strict=False):
@@ -186,14 +186,14 @@ def draw_limits(
 def line(
     text: str, colour: str = GREY, dashes: Any = "-", width: float = 1.3, marker: str = ""
 ) -> Line2D:
-    """Give an entry of a legend."""
+    """Make an entry of a legend."""
     return Line2D(
         [], [], color=colour, linestyle=dashes, linewidth=width, marker=marker, label=text
     )
 
 
 def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
-    """Give the limits of a length as one pair per link; empty without limits.
+    """Limits of a length as one pair per link; empty without limits.
 
     `limits`: [low, high] for all, or one such pair per link.
     """
@@ -204,7 +204,7 @@ def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
 
 
 def rate_ranges(limit: Any, count: int) -> list[tuple[float, ...]]:
-    """Give the limits of a rate as one pair per link.
+    """Limits of a rate as one pair per link.
 
     `limit`: as for `symmetric`, or [contractions, extensions] with one list each.
     """
@@ -223,21 +223,21 @@ def few_decades(axis: Axis) -> None:
 
 
 def symmetric(limit: Any, count: int) -> list[tuple[float, ...]]:
-    """Give the limits of an absolute value, one for all or one per curve, as one pair each."""
+    """Limits of an absolute value, one for all or one per curve, as one pair each."""
     return [(-value, value) for (value,) in ceilings(limit, count)]
 
 
 def ceilings(limit: Any, count: int) -> list[tuple[float, ...]]:
-    """Give upper limits, one for all or one per curve, as 1-tuples; empty without a limit."""
+    """Upper limits, one for all or one per curve, as 1-tuples; empty without a limit."""
     if limit is None:
         return []
     return [(value,) for value in (limit if isinstance(limit, list) else [limit] * count)]
 
 
 def stretches(time: np.ndarray, holds: np.ndarray) -> list[tuple[float, float]]:
-    """Intervals of time throughout which something holds; single instants are left out.
+    """Intervals of time in which a condition holds; single instants are left out.
 
-    `time` (m,) ascends; a time may stand twice, before and after a jump.
+    `time` (m,) ascends; a time may occur twice, before and after a jump.
     """
     steps = np.concatenate([[False], holds[:-1] & holds[1:], [False]])
     edges = np.flatnonzero(steps[:-1] != steps[1:])
@@ -245,7 +245,7 @@ def stretches(time: np.ndarray, holds: np.ndarray) -> list[tuple[float, float]]:
 
 
 def draw_rests(axes: Axes, time: np.ndarray, resting: np.ndarray) -> None:
-    """One row per mass, filled while it rests, and the glides shaded through all rows.
+    """One row per mass, filled while it rests; glides are shaded across all rows.
 
     `time` (m,) as for `stretches`; `resting` (masses, m), whether each mass rests.
     """
@@ -266,21 +266,21 @@ def draw_rests(axes: Axes, time: np.ndarray, resting: np.ndarray) -> None:
 
 
 def shades(palette: Sequence[str], count: int) -> Sequence[str]:
-    """Colours of a palette, or a ramp where there are not enough."""
+    """Colours of a palette, or a ramp if there are not enough."""
     if count <= len(palette):
         return palette[:count]
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, count))]
 
 
 def labels(what: str, count: int, *, worm: bool = True) -> list[str]:
-    """Names of links, masses, motors or the like, which are numbered from 0."""
+    """Names of links, masses, motors or other parts, numbered from 0."""
     worm = worm and what == "mass" and count > 1
     ends = {0: " (head)", count - 1: " (tail)"} if worm else {}
     return [f"{what} {i}{ends.get(i, '')}" for i in range(count)]
 
 
 def styles(palette: Sequence[str], count: int) -> list[tuple[str, Any]]:
-    """Colour and dashes of each curve; a ramp of colours where there are many."""
+    """Colour and dashes of each curve; a ramp of colours for many."""
     many = count > len(palette)
     return [
         (colour, "-" if many else DASHES[(j + j // 4) % 4])
@@ -289,7 +289,7 @@ def styles(palette: Sequence[str], count: int) -> list[tuple[str, Any]]:
 
 
 def handles(what: str, count: int, *, worm: bool = True) -> list[Line2D]:
-    """Lines for a legend of links or masses, of a worm or not; of many ends and middle only."""
+    """Lines for a legend of links or masses; of many the ends and the middle only."""
     if what == "link":
         named = zip(labels(what, count), styles(LINKS, count), strict=True)
         lines = [line(name, *style) for name, style in named]
@@ -301,7 +301,7 @@ def handles(what: str, count: int, *, worm: bool = True) -> list[Line2D]:
 def legend(axes: Axes, entries: Sequence[Artist] | None = None, title: str = "") -> None:
     """Put a legend where it covers nothing: beside the axes, in one column above them.
 
-    Of `entries`, or of what is labelled. A title of the axes must be there before.
+    Of `entries`, or of labelled curves. Set the title of the axes before.
     """
     entries = list(axes.get_legend_handles_labels()[0] if entries is None else entries)
     if narrow():
@@ -314,7 +314,7 @@ def legend(axes: Axes, entries: Sequence[Artist] | None = None, title: str = "")
 def legend_above(
     axes: Axes, entries: Sequence[Artist] | None = None, title: str = "", share: float = 0.9
 ) -> None:
-    """Put a legend above axes that take such a share of the sheet, below their title."""
+    """Put a legend above axes that take this share of the sheet, below their title."""
     entries = list(axes.get_legend_handles_labels()[0] if entries is None else entries)
     texts, columns = _fitted(entries, share)
     axes.legend(entries, texts, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=columns,
@@ -326,7 +326,7 @@ def legend_above(
 
 
 def legend_below(drawn: Figure, entries: Sequence[Artist] | None = None) -> None:
-    """Put a legend for all panels below them; of what is labelled, where no entries are given."""
+    """Put a legend for all panels below them; of labelled curves if no entries are given."""
     if entries is None:
         found = [
             pair
@@ -340,19 +340,19 @@ def legend_below(drawn: Figure, entries: Sequence[Artist] | None = None) -> None
 
 
 def _fitted(entries: Sequence[Artist], share: float) -> tuple[list[str], int]:
-    """Texts of a legend, long ones in lines, and how many columns fit into a share of the sheet."""
+    """Texts of a legend, long ones in lines, and number of columns in a share of the sheet."""
     room = share * 72 * rcParams["figure.figsize"][0]
     longest = min(52, int((room - 30) / 4.1))
     texts = [wrapped(str(entry.get_label()), longest) for entry in entries]
     widths = [26 + 4.1 * max(map(_letters, text.split("\n"))) for text in texts]
     counts = range(len(entries), 1, -1)
     fits = [n for n in counts if sum(map(max, np.array_split(widths, n))) < room] or [1]
-    rows = math.ceil(len(entries) / fits[0])  # as few as can be, and columns of like length
+    rows = math.ceil(len(entries) / fits[0])  # as few as possible, with columns of similar length
     return texts, min(n for n in fits if math.ceil(len(entries) / n) == rows)
 
 
 def wrapped(text: str, letters: int) -> str:
-    """Break a text into lines of so many letters, formulas left whole."""
+    """Break a text into lines of this many letters, without breaking formulas."""
     lines = [""]
     for word in re.findall(r"(?:\$[^$]*\$|[^ \n])+", text):
         if lines[-1] and _letters(f"{lines[-1]} {word}") > letters:
@@ -363,12 +363,12 @@ def wrapped(text: str, letters: int) -> str:
 
 
 def room(abreast: int) -> int:
-    """How many letters of a title fit above each of so many panels side by side."""
+    """Number of letters of a title that fit above each of several panels side by side."""
     return max(8, int(13 * rcParams["figure.figsize"][0] / abreast) - 2)
 
 
 def _letters(text: str) -> int:
-    """How many letters long a text appears."""
+    """Number of visible letters of a text."""
     return len(re.sub(r"\\[a-z]+", "x", text).translate({ord(mark): None for mark in "${}^_"}))
 
 
@@ -378,13 +378,13 @@ def label(text: str, unit: str) -> str:
 
 
 def raised(unit: str) -> str:
-    """Write a UDUNITS unit with its powers raised, and '1' as nothing."""
+    """Format a UDUNITS unit with raised powers, and '1' as nothing."""
     text = "" if unit == "1" else unit.replace(" ", "\N{NO-BREAK SPACE}")
     return re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"$^{\1}$", text)
 
 
 def scalar(result: Result, name: str) -> Any:
-    """Value of a scalar or attribute, None where the result has neither."""
+    """Value of a scalar or attribute, None if the result has neither."""
     if name in result.scalars:
         return result.scalars[name].value
     return result.attributes.get(name)

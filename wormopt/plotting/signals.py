@@ -15,9 +15,9 @@ _RESTS = "resting"  # a band below all other signals
 
 
 def signals(motion: SampledMotion, names: Sequence[str]) -> Figure:
-    """Draw one panel for each signal, and below which mass rests, where that is known.
+    """Draw one panel for each signal, and below them which mass rests, if that is known.
 
-    UnknownNameError for a name the motion has not.
+    UnknownNameError for a name that the motion does not have.
     """
     rests = _RESTS in motion.names and motion.dimension(_RESTS) == "mass"
     names = [name for name in names if not (rests and name == _RESTS)]

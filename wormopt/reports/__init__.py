@@ -1,1 +1,1 @@
-"""Results as a page to read and to send: one HTML file that needs nothing from elsewhere."""
+"""Results as a page to read and send: one self-contained HTML file."""

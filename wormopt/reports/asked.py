@@ -1,4 +1,4 @@
-"""What a scene asked for: the keys that were set, with units and meaning, and the whole of it."""
+"""The scene of a result: its keys with units and meanings, and the whole text."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from wormopt.result import Result
 from wormopt.study.given import default_of, meaning, read_table
 from wormopt.study.toml import toml_text
 
-_ELSEWHERE = ("schema", "kind", "title", "units", "want")  # said in other places, or not worth it
+_ELSEWHERE = ("schema", "kind", "title", "units", "want")  # shown elsewhere, or not of interest
 
 _SHORT = 16
 
 
 @dataclass(frozen=True)
 class Key:
-    """A key that was set."""
+    """A key with a value in the scene."""
 
     path: str
     value: Any
@@ -35,7 +35,7 @@ class Key:
 
 
 def scene_of(result: Result) -> dict[str, Any]:
-    """Every key of the scene of a result, empty where it is not known; no paths of a machine."""
+    """Every key of the scene of a result, empty if unknown; without paths of the machine."""
     try:
         found = json.loads(result.scene_text)
     except ValueError:
@@ -49,7 +49,7 @@ def all_keys(result: Result) -> dict[str, Any]:
 
 
 def asked_html(result: Result) -> str:
-    """Table of the keys that were set, and the scene as a file."""
+    """Table of the given keys, and the scene as a file."""
     raw = scene_of(result)
     if not raw:
         return "<p>The result does not hold its scene.</p>"
@@ -85,13 +85,13 @@ def again_html(result: Result) -> str:
 
 
 def _kept(text: str) -> str:
-    """Keep what is short on one line."""
+    """Write short tables on one line."""
     return text.replace(" ", "\u00a0") if len(text) <= _SHORT else text
 
 
 def keys_set(kind: str, raw: dict[str, Any]) -> list[Key]:
-    """Keys of a scene that differ from their defaults; all of them where the kind is unknown."""
-    swept = raw.get("sweep", {})  # its keys are of no kind
+    """Keys of a scene that differ from their defaults; all of them if the kind is unknown."""
+    swept = raw.get("sweep", {})  # its keys belong to no kind
     raw = {key: value for key, value in raw.items() if key != "sweep"}
     kind = kind if kind in KINDS else raw.get("kind", "")
     units = raw.get("units", "dimensionless")

@@ -1,15 +1,15 @@
-"""Colours of a map, and what can be read on them."""
+"""Colours of a map, and of text on them."""
 
 from __future__ import annotations
 
 from math import isfinite
 
-# From light to dark in steps the eye takes for equal, also to the colour-blind.
+# From light to dark in perceptually even steps, also for the colour-blind.
 _RAMP = ("#f4f1e6", "#d3e4d0", "#a3d0c4", "#6ab6bb", "#3d96ae", "#2d749c", "#2b5285", "#243264")
 
 
 def shade(value: float, low: float = 0.0, high: float = 1.0) -> str:
-    """Colour of a number between two others; in the middle where it is none, or they are one."""
+    """Colour of a number between two others; the middle one for NaN or an empty range."""
     share = (value - low) / (high - low) if high > low and isfinite(value) else 0.5
     at = min(max(share, 0.0), 1.0) * (len(_RAMP) - 1)
     k = min(int(at), len(_RAMP) - 2)
@@ -21,12 +21,12 @@ def shade(value: float, low: float = 0.0, high: float = 1.0) -> str:
 
 
 def ink_on(colour: str) -> str:
-    """Black or white, whichever stands out more."""
+    """Black or white, whichever has more contrast."""
     return "#000" if (_luminance(colour) + 0.05) ** 2 > 0.05 * 1.05 else "#fff"
 
 
 def gradient() -> str:
-    """The whole way as a CSS gradient."""
+    """The whole colour map as a CSS gradient."""
     return f"linear-gradient(to right, {', '.join(_RAMP)})"
 
 

@@ -1,4 +1,4 @@
-"""The points of a sweep: their places, numbers and states, and the results that lie beside."""
+"""The points of a sweep: positions, numbers, states, and saved results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from wormopt.sweeps.gathered import NUMBERED, STATUS, as_typed
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """A key that is swept, and its values as texts; numbers where they are numbers."""
+    """A swept key, and its values as texts; also as numbers if they are."""
 
     key: str
     unit: str
@@ -41,7 +41,7 @@ class Axis:
 class Grid:
     """A sweep; its points are counted in C order, the last axis fastest.
 
-    Where it is no lattice, points lie anywhere, and every axis has a value for each.
+    For scattered points, every axis has a value for each point.
     """
 
     axes: tuple[Axis, ...]
@@ -57,13 +57,13 @@ class Grid:
         return tuple(len(axis.texts) for axis in self.axes)
 
     def index(self, point: int) -> tuple[int, ...]:
-        """Place of a point along each axis."""
+        """Index of a point along each axis."""
         if not self.lattice:
             return (point,) * len(self.axes)
         return tuple(int(k) for k in np.unravel_index(point, self.shape))
 
     def place(self, point: int) -> str:
-        """Say where a point is."""
+        """Describe the position of a point."""
         return ", ".join(a.at(k) for a, k in zip(self.axes, self.index(point), strict=True))
 
     def value(self, variable: Variable, point: int) -> float:
@@ -71,12 +71,12 @@ class Grid:
         return float(variable.values.ravel()[point])
 
     def good(self, variable: Variable, point: int) -> bool:
-        """Whether there is a number at a point that counts."""
+        """Whether a point has a valid number."""
         counts = self.states[point] in NUMBERED
         return counts and bool(np.isfinite(self.value(variable, point)))
 
     def span(self, variable: Variable) -> tuple[float, float, int | None]:
-        """Least and largest number that count, and the best point where it is known which is."""
+        """Least and largest valid number, and the best point if that is defined."""
         known = {k: self.value(variable, k) for k in range(len(self.states))
                  if self.good(variable, k)}  # fmt: skip
         if not known:
@@ -87,14 +87,14 @@ class Grid:
         return low, high, best
 
     def says(self, variable: Variable, point: int, best: bool) -> str:
-        """Say where a point is, and its number or why there is none."""
-        told = number(self.value(variable, point), 4)
+        """Describe a point by its position, and its number or the reason why it has none."""
+        shown = number(self.value(variable, point), 4)
         if not self.good(variable, point):
-            told = STATUS[self.states[point]] if self.states[point] else "unknown"
-        return f"{self.place(point)}: {told}{', best' if best else ''}"
+            shown = STATUS[self.states[point]] if self.states[point] else "unknown"
+        return f"{self.place(point)}: {shown}{', best' if best else ''}"
 
     def results(self, most: int) -> Iterator[tuple[int, Result]]:
-        """Load what lies beside the sweep, of so many points spread evenly."""
+        """Load saved results of at most this many points, spread evenly."""
         there = [k for k, file in enumerate(self.files) if file is not None]
         picked = there if len(there) <= most else [there[int(i * len(there) / most)]
                                                    for i in range(most)]  # fmt: skip
@@ -109,9 +109,9 @@ class Grid:
 def grid_of(source: Source) -> Grid:
     """Read a result of kind sweep."""
     result = as_typed(source.result)
-    said = result.attributes["axes"]
-    axes = tuple(_axis(result, axis["key"], axis["dim"], axis.get("values")) for axis in said)
-    names = {axis["dim"] for axis in said}
+    given = result.attributes["axes"]
+    axes = tuple(_axis(result, axis["key"], axis["dim"], axis.get("values")) for axis in given)
+    names = {axis["dim"] for axis in given}
     dims = result["status"].dims
     numbers = [v for v in result.variables if v.dims == dims and v.name not in {"status", *names}]
     numbers.sort(key=lambda v: (v.name == "seconds", *_rank(v.name)))
@@ -122,7 +122,7 @@ def grid_of(source: Source) -> Grid:
     files = [_file(source.folder, result.scene, name) for name in points]
     return Grid(
         axes,
-        dims == tuple(axis["dim"] for axis in said),
+        dims == tuple(axis["dim"] for axis in given),
         tuple(numbers),
         tuple(int(s) if 0 <= s < len(STATUS) else 1 for s in states),
         tuple(str(reasons[k] or "") if k < len(reasons) else "" for k in range(count)),
@@ -131,7 +131,7 @@ def grid_of(source: Source) -> Grid:
 
 
 def _rank(name: str) -> tuple[int, int]:
-    """Numbers that tell which is better come first."""
+    """Sort key: numbers of which one direction is better come first."""
     known = list(BETTER)
     return (0, known.index(name)) if name in BETTER else (1, 0)
 
@@ -143,7 +143,7 @@ def _axis(result: Result, key: str, dim: str, named: list[Any] | None) -> Axis:
 
 
 def _file(folder: Path | None, scene: str, name: object) -> Path | None:
-    """File of a point, which lies with the sweep or with that of its scene, and nowhere else."""
+    """File of a point, only in the folder of the sweep or that of its scene."""
     if folder is None or not isinstance(name, str) or not name:
         return None
     folder = folder.resolve()

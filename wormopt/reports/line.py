@@ -1,4 +1,4 @@
-"""A number of a sweep over one key: a line with points that open. Axes for other plots too."""
+"""A number of a sweep over one key: a line with clickable points. Also axes of other plots."""
 
 from __future__ import annotations
 
@@ -72,22 +72,22 @@ def dot(
     best: bool,
     colour: str = "",
 ) -> str:
-    """Draw a point that opens, as a cross where it has no number."""
+    """Draw a clickable point, as a cross if it has no number."""
     x, y = at
-    said = escaped(grid.says(variable, point, best))
+    label = escaped(grid.says(variable, point, best))
     shape = f'<path d="M{x - 5:.1f} {y - 5:.1f}l10 10m0 -10l-10 10"/>'
     if grid.good(variable, point):
         style = f' style="fill:{colour}"' if colour else ""
         shape = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{8 if best else 5.5}"{style}/>'
     return (
         f'<a class="cell dot{" best" if best else ""}" data-point="{point}" href="{target}" '
-        f'aria-label="{said}"><title>{said}</title><circle class="reach" cx="{x:.1f}" '
+        f'aria-label="{label}"><title>{label}</title><circle class="reach" cx="{x:.1f}" '
         f'cy="{y:.1f}" r="14"/>{shape}</a>'
     )
 
 
 def along(values: np.ndarray, first: float, last: float) -> list[float]:
-    """Places of values along an axis, which is logarithmic where they are."""
+    """Positions of values along an axis, logarithmic if their spacing is."""
     if len(values) < 2 or not np.isfinite(values).all():
         return np.linspace(first, last, len(values)).tolist()
     if values.min() > 0 and values.max() / values.min() > 50:

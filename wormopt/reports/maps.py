@@ -1,4 +1,4 @@
-"""A number of a sweep over two keys: a table whose cells are coloured, and open."""
+"""A number of a sweep over two keys: a table with coloured, clickable cells."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wormopt.reports.words import escaped, number
 from wormopt.sweeps.gathered import STATUS
 
 _SIGNS = {1: "×", 2: "○", 3: "·"}
-_DENSE = 12  # columns from which on cells have no room for their numbers
+_DENSE = 12  # number of columns from which cells have no room for numbers
 
 
 def map_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
@@ -50,23 +50,23 @@ def _cell(
     span: tuple[float, float, int | None],
 ) -> str:
     low, high, best = span
-    said = escaped(grid.says(variable, point, point == best))
-    told, kind, style = number(grid.value(variable, point), 3), "cell", ""
+    label = escaped(grid.says(variable, point, point == best))
+    shown, kind, style = number(grid.value(variable, point), 3), "cell", ""
     if grid.good(variable, point):
         colour = shade(grid.value(variable, point), low, high)
         style = f' style="background:{colour};color:{ink_on(colour)}"'
         kind += " best" if point == best else ""
     else:
         state = grid.states[point] or 3
-        told, kind = _SIGNS.get(state, "·"), f"cell state{state}"
+        shown, kind = _SIGNS.get(state, "·"), f"cell state{state}"
     return (
-        f'<td><a class="{kind}" data-point="{point}" href="{target}" title="{said}" '
-        f'aria-label="{said}"{style}>{told}</a></td>'
+        f'<td><a class="{kind}" data-point="{point}" href="{target}" title="{label}" '
+        f'aria-label="{label}"{style}>{shown}</a></td>'
     )
 
 
 def legend_html(grid: Grid, low: float, high: float, best: int | None) -> str:
-    """Tell what colours and signs mean."""
+    """Legend of colours and signs."""
     there = set(grid.states)
     keys = [
         f'<span class="key"><span class="cell state{k}" aria-hidden="true">{_SIGNS[k]}'

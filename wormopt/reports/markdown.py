@@ -1,4 +1,4 @@
-"""Tables that a result holds as Markdown, on a page."""
+"""Markdown tables of a result, on a page."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from wormopt.reports.words import marked
 
 
 def markdown_html(text: str) -> str:
-    """Write the headings, paragraphs and tables of a text."""
+    """Convert the headings, paragraphs and tables of a text."""
     return "".join(_block(block) for block in re.split(r"\n\s*\n", text.strip()) if block)
 
 

@@ -1,4 +1,4 @@
-"""The motion in a result, read off its variables and resampled to a few hundred frames."""
+"""The motion in a result, from its variables, resampled to a few hundred frames."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from wormopt.quantities import GRAVITY
 from wormopt.reports.asked import scene_of
 from wormopt.result import Result
 
-_CYCLES = 2  # shown of a gait
+_CYCLES = 2  # shown cycles of a gait
 _MOST_FRAMES, _FEWEST_FRAMES, _MOST_NUMBERS = 241, 61, 40_000
 _MOST_LANES = 6
 STEEPEST = float(np.radians(30))
-"""Slope that is drawn at most: a steeper one leaves no room for the worm."""
+"""Largest slope drawn: a steeper one leaves no room for the worm."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """A worm on its way.
+    """A worm in motion.
 
-    position: (mass, frame). rests: (mass, frame) or None where that is not known.
+    position: (mass, frame). rests: (mass, frame) or None if unknown.
     load: (mass, frame), force of the ground or load on the spike, or None.
     """
 
@@ -37,7 +37,7 @@ class Moving:
     """Worms side by side over the same time.
 
     time: (frame,), in equal steps. angle: of the slope, rad. pull: the load that pulls each mass
-    back, 0 where it is the slope.
+    back, 0 if it is the slope.
     """
 
     time: np.ndarray
@@ -64,7 +64,7 @@ class Rod:
 
 
 def moving(result: Result) -> Moving | None:
-    """Masses on the ground over time, None where the result holds no such thing."""
+    """Masses on the ground over time, None if the result has no such motion."""
     if "position" not in result:
         return None
     position = result["position"]
@@ -121,7 +121,7 @@ def _lane(
     rests: np.ndarray | None,
     load: np.ndarray | None,
 ) -> Lane:
-    """Resample one worm; a motion that is shown for longer than it is known is repeated."""
+    """Resample one worm; a motion shorter than the shown time is repeated."""
     period = time[-1] - time[0]
     turn = np.minimum((at - time[0]) // period, np.ceil((at[-1] - time[0]) / period - 1e-9) - 1)
     within = at - turn * period
@@ -133,7 +133,7 @@ def _lane(
 
 
 def _rests(result: Result, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Which mass rests when: as the result says, else where its velocity is exactly zero."""
+    """Which mass rests when: from the result, else where its velocity is exactly zero."""
     if "resting" in result:
         return result["resting"].values.astype(bool).reshape(1, *shape[1:])
     if "velocity" not in result or result["velocity"].dims != result["position"].dims:
@@ -164,7 +164,7 @@ def _of(rows: np.ndarray | None, lane: int) -> np.ndarray | None:
 
 
 def _labels(result: Result, dims: tuple[str, ...]) -> list[str]:
-    """Name the worms of a result that holds several."""
+    """Names of the worms of a result with several."""
     before = [dim for dim in dims[:-1] if dim != "mass"]
     names = [""]
     for dim in before:
@@ -175,9 +175,9 @@ def _labels(result: Result, dims: tuple[str, ...]) -> list[str]:
 
 
 def _slope(result: Result) -> tuple[float, float]:
-    """Angle of the ground, rad, and the load that pulls beside.
+    """Angle of the ground, rad, and the load that pulls in addition.
 
-    A load by itself is a slope where it can be: a weight in SI units tells an angle.
+    A load alone is a slope if possible: a weight in SI units determines an angle.
     """
     raw = scene_of(result)
     worm = raw.get("worm")

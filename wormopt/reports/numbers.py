@@ -1,4 +1,4 @@
-"""The numbers of results: the few that answer, all of them, and those of several side by side."""
+"""Numbers of results: the most important ones, all of them, and comparisons."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from wormopt.reports.words import escaped, marked, name_text, number, unit_text,
 from wormopt.result import Result
 
 _MOST_DIFFERENCES, _FEW = 12, 4
-_LONG, _LONGEST = 24, 100  # letters of a value on a line of its own, and of one that is left out
+_LONG, _LONGEST = 24, 100  # letters of a value on its own line, and of one that is left out
 _ASIDE = ("recheck", "n_", "sensitivity", "lambda_", "resting", "assumed", "defect", "order_",
           "complementarity", "worst", "discretisation", "solve_", "objective", "same_", "front_",
           "certified_", "smallest_")  # fmt: skip
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a number, truth values not included."""
+    """Whether a value is a number; booleans are not."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def answers(result: Result) -> dict[str, Scalar]:
-    """The few scalars that a reader looks for first, as far as they are known and short."""
+    """The few most important scalars, if they are known and short."""
     asked = {name: result.scalars[name] for name in leading(result)}
     return {name: s for name, s in asked.items() if _short(s.value)}
 
@@ -44,7 +44,7 @@ def _is_plain(value: Any) -> bool:
 
 
 def headline_html(result: Result) -> str:
-    """The answer in a few large numbers."""
+    """The most important numbers, in large letters."""
     meanings = _meanings(result.kind)
     parts = "".join(_answer(n, s, meanings.get(n, "")) for n, s in answers(result).items())
     if not parts:
@@ -54,18 +54,18 @@ def headline_html(result: Result) -> str:
 
 
 def _answer(name: str, found: Scalar, meaning: str) -> str:
-    told = value_text(found.value, "1", 5)
-    kind = "long" if len(told) > _LONG else "short"
+    shown = value_text(found.value, "1", 5)
+    kind = "long" if len(shown) > _LONG else "short"
     return (
         f'<div class="{kind}"><dt>{escaped(name_text(name))}</dt>'
-        f'<dd><span class="value">{escaped(told)}</span> '
+        f'<dd><span class="value">{escaped(shown)}</span> '
         f'<span class="unit">{escaped(unit_text(found.unit))}</span></dd>'
         f'<dd class="meaning">{marked(meaning)}</dd></div>'
     )
 
 
 def _whose(result: Result) -> str:
-    """Say of a front whose numbers there are besides its own."""
+    """Note on the point of a front to which other numbers belong."""
     if "front_knee" not in result.scalars or "front_speed" not in result:
         return ""
     knee, last = result.scalars["front_knee"].value, len(result["front_speed"].values) - 1
@@ -77,7 +77,7 @@ def _whose(result: Result) -> str:
 
 
 def _columns(result: Result) -> str:
-    """Say what the entries of a list stand for, where the result names them."""
+    """Note on the meaning of entries of a list, if the result names them."""
     lengths = {len(s.value) for s in answers(result).values() if isinstance(s.value, list)}
     names = result.attributes.get("trackers")
     if not isinstance(names, list) or lengths != {len(names)} or len(names) < 2:
@@ -87,7 +87,7 @@ def _columns(result: Result) -> str:
 
 
 def table_html(result: Result) -> str:
-    """All scalars with what they mean."""
+    """All scalars with their meanings."""
     if not result.scalars:
         return ""
     meanings = _meanings(result.kind)
@@ -106,9 +106,9 @@ def _meanings(kind: str) -> dict[str, str]:
 
 
 def comparison_html(results: Sequence[Result]) -> str:
-    """What several results were asked differently, and the scalars that they share.
+    """Differences between the scenes of several results, and the scalars that they share.
 
-    The best is marked where it is known which that is.
+    The best value is marked if it is defined.
     """
     first = [name for result in results for name in leading(result)]
     others = [
@@ -129,15 +129,15 @@ def comparison_html(results: Sequence[Result]) -> str:
 
 
 def _differences(results: Sequence[Result]) -> list[list[str]]:
-    """Keys in which the scenes of results of one kind differ, if they are not too many to see."""
+    """Keys in which the scenes of results of one kind differ, if they are not too many."""
     different = _different(results)
     if len({result.kind for result in results}) > 1 or len(different) > _MOST_DIFFERENCES:
         return []
-    return [[f"<code>{escaped(path)}</code>", *told] for path, told in different.items()]
+    return [[f"<code>{escaped(path)}</code>", *values] for path, values in different.items()]
 
 
 def _different(results: Sequence[Result]) -> dict[str, list[str]]:
-    """What each of several scenes says of the keys in which they differ."""
+    """Values in several scenes of the keys in which they differ."""
     asked = [all_keys(result) for result in results]
     paths = dict.fromkeys(path for keys in asked for path in keys)
     return {
@@ -153,11 +153,11 @@ def told_apart(result: Result, results: Sequence[Result]) -> str:
     if len({r.kind for r in alike}) == len(alike) > 1:
         return f"kind {escaped(result.kind)}"
     at = alike.index(result)
-    told = [
+    shown = [
         f"<code>{escaped(path)}</code> = {each[at]}" for path, each in _different(alike).items()
     ]
-    more = f" and {len(told) - _FEW} keys more" if len(told) > _FEW else ""
-    return ", ".join(told[:_FEW]) + more
+    more = f" and {len(shown) - _FEW} keys more" if len(shown) > _FEW else ""
+    return ", ".join(shown[:_FEW]) + more
 
 
 def _comparable(name: str, results: Sequence[Result]) -> bool:
@@ -176,16 +176,16 @@ def _row(name: str, results: Sequence[Result]) -> list[str]:
         if s is None:
             cells.append("–")
             continue
-        told = escaped(value_text(s.value, "1" if one_unit else s.unit))
-        if result.status != "failed" and told == best:
-            told = f'<strong>{told}</strong> <span class="best">best</span>'
-        cells.append(told)
+        cell = escaped(value_text(s.value, "1" if one_unit else s.unit))
+        if result.status != "failed" and cell == best:
+            cell = f'<strong>{cell}</strong> <span class="best">best</span>'
+        cells.append(cell)
     shown = f' <span class="unit">{escaped(unit)}</span>' if unit else ""
     return [f"{escaped(name_text(name))}{shown}", *cells]
 
 
 def _best(name: str, results: Sequence[Result]) -> str:
-    """Best value among accepted results as it is told, empty where all are told the same."""
+    """Formatted best value among accepted results, empty if all are formatted the same."""
     found = [r.scalars[name].value for r in results if r.status != "failed" and name in r.scalars]
     found = [value for value in found if is_number(value)]
     if name not in BETTER or len({number(value) for value in found}) < 2:

@@ -1,4 +1,4 @@
-"""The page: head, contents, a section for each result, all in one text."""
+"""The HTML page: head, contents, and a section for each result, in one text."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from wormopt.result import Result
 from wormopt.version import VERSION
 
 LARGEST = 5_000_000
-"""Bytes that a page may have: more is refused by many who carry mail."""
+"""Largest size of a page in bytes: many mail servers refuse more."""
 _ROOM, _WORDS = 4_500_000.0, 120_000.0  # letters of all sections, and of the words of one
 
 
@@ -35,7 +35,7 @@ def compose(sources: Sequence[Source], title: str) -> str:
     )
     sections, room = "", _ROOM
     for done, source in enumerate(sources):
-        left = len(sources) - done  # each shall have its words, and no less than its share
+        left = len(sources) - done  # each gets at least its words, and an equal share of the rest
         part = _section(source, done, results, max(room - _WORDS * (left - 1), room / left))
         sections, room = sections + part, max(room - len(part), 0.0)
     before = "" if alone else _contents(sources)
@@ -58,7 +58,7 @@ def _own(name: str) -> str:
 
 
 def _policy(script: str) -> str:
-    """What a browser may load for the page: nothing but what stands in it."""
+    """Content security policy: a browser loads only content of the page itself."""
     found = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return (
         f"default-src 'none'; script-src 'sha256-{found}'; style-src 'unsafe-inline'; "
@@ -82,9 +82,9 @@ def _contents(sources: Sequence[Source]) -> str:
 
 
 def _section(source: Source, number: int, results: Sequence[Result], room: float) -> str:
-    """One of several results, with a heading of its own, or the only one.
+    """One of several results, with its own heading, or the only one.
 
-    `room`: letters that it may have.
+    `room`: largest number of letters.
     """
     room -= min(_WORDS, room / 2)
     result, ident = source.result, f"r{number}"
@@ -118,13 +118,13 @@ def _section(source: Source, number: int, results: Sequence[Result], room: float
 
 
 def _summary(result: Result) -> str:
-    """What such a scene computes; of a sweep, what every point of it does."""
+    """Purpose of a scene of this kind; for a sweep, that of each point."""
     kind = (
         str(result.attributes.get("kind", result.kind)) if result.kind == "sweep" else result.kind
     )
-    told = sentence(KINDS[kind].summary) if kind in KINDS else ""
+    summary = sentence(KINDS[kind].summary) if kind in KINDS else ""
     swept = "A sweep. " if result.kind == "sweep" else ""
-    return f"{swept}{told} Kind of scene: {kind}.".strip()
+    return f"{swept}{summary} Kind of scene: {kind}.".strip()
 
 
 def _provenance(source: Source) -> str:
@@ -139,5 +139,5 @@ def _provenance(source: Source) -> str:
         (f"time to {name}" if name != "study" else "time in all", value_text(spent, "s", 3))
         for name, spent in result.timings_s.items()
     ]
-    told = "".join(f"<dt>{escaped(n)}</dt><dd>{escaped(value)}</dd>" for n, value in rows)
-    return f'<dl class="facts">{told}</dl>{again_html(result)}'
+    facts = "".join(f"<dt>{escaped(n)}</dt><dd>{escaped(value)}</dd>" for n, value in rows)
+    return f'<dl class="facts">{facts}</dl>{again_html(result)}'

@@ -1,4 +1,4 @@
-"""Parts that pages are made of. All that is given is HTML; what is text is escaped before."""
+"""Building blocks of pages. Arguments are HTML; texts must be escaped before."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from collections.abc import Iterable, Sequence
 
 
 def details(summary: str, inner: str, *, opened: bool = False) -> str:
-    """What is shown when it is asked for."""
+    """Content that the reader can open."""
     state = ' open=""' if opened else ""
     return f"<details{state}><summary>{summary}</summary>{inner}</details>"
 
 
 def scrolled(label: str, inner: str, kind: str = "wide") -> str:
-    """What may be wider than the page."""
+    """Content that may be wider than the page."""
     return f'<div class="{kind}" tabindex="0" role="region" aria-label="{label}">{inner}</div>'
 
 
 def table(kind: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose first column names the rows; columns without anything are left out.
+    """A table whose first column names the rows; empty columns are left out.
 
-    A dash stands where there is nothing.
+    Empty cells have a dash.
     """
     lines = list(rows)
     kept = [0, *(k for k in range(1, len(heads)) if any(line[k] for line in lines))]
@@ -33,5 +33,5 @@ def table(kind: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str
 
 
 def code(text: str) -> str:
-    """Lines to be typed or saved."""
+    """Lines to type or save."""
     return scrolled("Text of code", f"<pre><code>{text}</code></pre>")

@@ -1,4 +1,4 @@
-"""Pictures of a result as SVG that can stand in a page beside others."""
+"""Pictures of a result as SVG for use with others in one page."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture, or why there is none."""
+    """A picture, or the reason why there is none."""
 
     caption: str
     svg: str
     missing: str = ""
 
     def html(self) -> str:
-        """Give it as a figure."""
+        """The picture as an HTML figure."""
         if not self.svg:
             return f'<p class="note">{escaped(self.missing)}</p>' if self.missing else ""
         return (
@@ -38,9 +38,9 @@ class Picture:
 
 
 def pictures(result: Result, prefix: str, room: float, most: int = 12) -> Iterator[Picture]:
-    """Draw what there is to draw of a result, as long as there is room for so many letters.
+    """Draw the pictures of a result, as long as there is room for this many letters.
 
-    `prefix` begins every id, so that none is twice on a page.
+    `prefix` begins every id, so that ids are unique on a page.
     """
     names = KINDS[result.kind].pictures if result.kind in KINDS else {}
     for name in [name for name in names if name != "animation"][:most]:
@@ -60,17 +60,17 @@ def _picture(result: Result, name: str, prefix: str) -> Picture:
     caption = _caption(KINDS[result.kind].pictures[name])
     try:
         drawn = figure(result, name)
-        drawn.suptitle("")  # the page says it
+        drawn.suptitle("")  # the page contains it
         into = io.StringIO()
         style: dict[RcKeyType, Any] = {**STYLE, "svg.fonttype": "path", "svg.hashsalt": prefix,
                                        "path.simplify_threshold": 0.4}  # fmt: skip
         with rc_context(style), warnings.catch_warnings():
-            # a title may hold letters that the font lacks; the picture is good all the same
+            # a title may have letters that the font lacks
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
             drawn.savefig(into, format="svg")
-    except KeyError:  # a picture of what was not asked for
+    except KeyError:  # results for this picture were not requested
         return Picture(caption, "")
-    except Exception as error:  # a picture must not cost the page
+    except Exception as error:  # a failed picture must not cost the page
         what = f"{type(error).__name__}: {error}"
         return Picture(caption, "", f"The picture “{name}” could not be drawn ({what}).")
     return Picture(caption, _embedded(into.getvalue(), prefix, caption))
@@ -78,12 +78,12 @@ def _picture(result: Result, name: str, prefix: str) -> Picture:
 
 def _caption(source: str) -> str:
     module, _, function = source.partition(":")
-    said = inspect.getdoc(getattr(import_module(module), function)) or ""
-    return " ".join(said.split("\n\n")[0].split())
+    doc = inspect.getdoc(getattr(import_module(module), function)) or ""
+    return " ".join(doc.split("\n\n")[0].split())
 
 
 def _embedded(svg: str, prefix: str, caption: str) -> str:
-    """Make a file's SVG a part of a page: ids its own, nothing that is not drawn, short numbers."""
+    """Embed a file's SVG in a page, with unique ids, only visible parts, and short numbers."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.S)
     used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', svg))

@@ -1,4 +1,4 @@
-"""The verb `report`: results in, one page out."""
+"""The verb `report`: writes results to one page."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def report(
 
     The page holds what was asked and found, pictures, the worm moving, checks and warnings, and
     the scene to run again. It loads nothing from elsewhere, can be read without scripts and on
-    paper, and has at most 5 MB. File names in it are bare: no folder of this machine is told.
+    paper, and has at most 5 MB. File names in it have no folders of this machine.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A number of a sweep whose points lie anywhere: dots over the first two keys, that open."""
+"""A number of a sweep with scattered points: clickable dots over the first two keys."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ def scatter_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
 
 
 def _marks(values: np.ndarray, places: list[float], upward: bool) -> str:
-    """Levels of an axis where its values are evenly told, else its ends."""
+    """Ticks of an axis at values with even spacing, else at its ends."""
     low, high = float(values.min()), float(values.max())
     first, last = places[int(values.argmin())], places[int(values.argmax())]
     logarithmic = low > 0 and high / low > 50
-    told = [low, high] if logarithmic or low == high else levels(low, high)
+    ticks = [low, high] if logarithmic or low == high else levels(low, high)
     span = high - low or 1.0
-    at = [first + (value - low) / span * (last - first) for value in told]
+    at = [first + (value - low) / span * (last - first) for value in ticks]
     if upward:
-        return "".join(level(value, y) for value, y in zip(told, at, strict=True))
+        return "".join(level(value, y) for value, y in zip(ticks, at, strict=True))
     return "".join(
         f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM + 20:g}" text-anchor="middle">{number(value, 4)}'
         "</text>"
-        for value, x in zip(told, at, strict=True)
+        for value, x in zip(ticks, at, strict=True)
     )

@@ -1,4 +1,4 @@
-"""Results that a page is made of, and where they came from."""
+"""Results of a page, and their origin."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from wormopt.version import VERSION
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A result. folder: where further files of it lie, None where it came from no file."""
+    """A result. folder: that of its further files, None for a result without files."""
 
     result: Result
     version: str = VERSION
@@ -24,7 +24,7 @@ class Source:
 
 
 def source_of(given: Result | str | Path) -> Source:
-    """Find a result; ArgumentError, which names the file, where there is none."""
+    """Find a result; ArgumentError, which names the file, if there is none."""
     if isinstance(given, Result):
         return Source(given)
     path = Path(given)
@@ -34,7 +34,7 @@ def source_of(given: Result | str | Path) -> Source:
 
 
 def _version(file: Path) -> str:
-    """Version that computed a result: it stands in the file, and in the summary beside it."""
+    """Version that computed a result, from the file or the summary beside it."""
     from scipy.io import netcdf_file
 
     try:

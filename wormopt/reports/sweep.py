@@ -1,4 +1,4 @@
-"""A sweep as a map of its points, which open; of one key a line, of many a table or dots."""
+"""A sweep as a map of clickable points; for one key a line, for many a table or dots."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from wormopt.reports.words import escaped, name_text, sentence, unit_text, value
 from wormopt.reports.worm import motion_html
 from wormopt.sweeps.gathered import STATUS
 
-_MOST_OPENED, _MOST_DRAWN = 64, 24  # points with the worm moving, and with a picture too
-_MOST_MAPS, _MOST_CELLS = 10, 5000  # numbers to choose from, cells in all of their maps
+_MOST_OPENED, _MOST_DRAWN = 64, 24  # most points with the worm moving, and with a picture
+_MOST_MAPS, _MOST_CELLS = 10, 5000  # most numbers to choose from, and cells in all of their maps
 _MOST_ROWS = 2500
 
 
 def sweep_html(source: Source, ident: str, room: float) -> str:
-    """Give maps of the numbers of a sweep, one shown at a time, and its points."""
+    """Maps of the numbers of a sweep, one shown at a time, and its points."""
     grid = grid_of(source)
     blocks = _blocks(grid, ident, room)
     count = len(grid.states)
@@ -56,22 +56,21 @@ def sweep_html(source: Source, ident: str, room: float) -> str:
 
 def _states_text(grid: Grid) -> str:
     counts = [sum(state == k for state in grid.states) for k in range(len(STATUS))]
-    told = ", ".join(f"{n} {STATUS[k]}" for k, n in enumerate(counts) if n)
+    counted = ", ".join(f"{n} {STATUS[k]}" for k, n in enumerate(counts) if n)
     keys = [f"<code>{escaped(axis.key)}</code>" for axis in grid.axes]
     over = " and ".join([", ".join(keys[:-1]), keys[-1]] if keys[1:] else keys)
-    return f"{len(grid.states)} points over {over}: {told}. Choose a point to see it."
+    return f"{len(grid.states)} points over {over}: {counted}. Choose a point to see it."
 
 
 def _choice(grid: Grid, variable: Variable, ident: str, targets: list[str], k: int) -> str:
-    """One number over the sweep."""
     unit = unit_text(variable.unit)
     name = f"{words_of(variable)}{f' ({unit})' if unit else ''}"
     draw = line_html if len(grid.axes) == 1 else map_html if grid.lattice else scatter_html
     body = draw(grid, variable, targets)
-    said = (
+    meaning = (
         sentence(variable.long_name) if name_text(variable.long_name) != words_of(variable) else ""
     )
-    caption = f"<strong>{escaped(name)}</strong> {escaped(said)}"
+    caption = f"<strong>{escaped(name)}</strong> {escaped(meaning)}"
     return (
         f'<figure class="map" id="{ident}-map{k}"><figcaption>{caption}</figcaption>{body}</figure>'
     )
@@ -81,7 +80,7 @@ def _choice(grid: Grid, variable: Variable, ident: str, targets: list[str], k: i
 
 
 def _blocks(grid: Grid, ident: str, room: float) -> dict[int, str]:
-    """What opens of the points whose results lie beside the sweep: the motion, a picture."""
+    """Details of the points with saved results: the motion, a picture."""
     blocks: dict[int, str] = {}
     drawn = 0
     for point, result in grid.results(_MOST_OPENED):
@@ -106,7 +105,6 @@ def _blocks(grid: Grid, ident: str, room: float) -> dict[int, str]:
 
 
 def _table(grid: Grid, ident: str, targets: list[str], opened: bool) -> str:
-    """All points with their numbers."""
     if len(grid.states) > _MOST_ROWS:
         return f"<p>The numbers of all {len(grid.states)} points stand in the result.</p>"
     numbers = grid.numbers[: max(1, min(12, 30_000 // len(grid.states)))]
@@ -129,8 +127,8 @@ def _table_row(
         f'<a class="cell row" data-point="{point}" href="{targets[point]}">{escaped(places[0])}</a>'
     )
     state, why = STATUS[grid.states[point]], grid.reasons[point]
-    told = escaped(f"{state}: {why}" if why else state)
-    cells = [first, *map(escaped, places[1:]), told]
+    status = escaped(f"{state}: {why}" if why else state)
+    cells = [first, *map(escaped, places[1:]), status]
     cells += [value_text(grid.value(v, point), "1", 6) for v in numbers]
     inner = "".join(f"<td>{cell}</td>" for cell in cells)
     return f'<tr id="{ident}-row{point}">{inner}</tr>'

@@ -1,4 +1,4 @@
-"""Why a result may be trusted, or not, in plain words."""
+"""Reasons to trust a result, or not, in plain words."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from wormopt.reports.parts import details, scrolled, table
 from wormopt.reports.words import escaped, name_text, number, sentence, value_text
 from wormopt.result import Check, Result
 
-_SAID = ("checks", "warnings", "recheck")  # in words of their own
-_LONGEST = 60_000  # letters of a report in full
+_SAID = ("checks", "warnings", "recheck")  # described separately
+_LONGEST = 60_000  # largest number of letters of a report in full
 
 
 def status_html(result: Result) -> str:
-    """One line: accepted, unchecked or failed, and why."""
+    """Status on one line, with the reason."""
     checks = result.checks
     if result.status == "failed":
         why = sentence(result.reason or "no reason is given")
@@ -24,22 +24,26 @@ def status_html(result: Result) -> str:
         why = escaped(sentence(result.reason))
         return f'<p class="status unchecked"><strong>Unchecked.</strong> {why}</p>'
     warnings = len(result.trust.get("warnings") or [])
-    told = "Accepted."
+    words = "Accepted."
     if checks:
-        told += (
+        words += (
             " The one check passed." if len(checks) == 1 else f" All {len(checks)} checks passed."
         )
     if warnings:
-        told += (
+        words += (
             f" There {'is a warning' if warnings == 1 else f'are {warnings} warnings'}, see below."
         )
-    return f'<p class="status ok">{told}</p>'
+    return f'<p class="status ok">{words}</p>'
 
 
 def trust_html(result: Result) -> str:
     """Checks, second routes, bounds and warnings."""
-    told = [*_failures(result.checks), *_routes(result.trust.get("recheck")), *_bounds(result)]
-    lines = "".join(f"<li>{escaped(line)}</li>" for line in told)
+    found = [
+        *_failures(result.checks),
+        *_routes(result.trust.get("recheck")),
+        *_bounds(result),
+    ]
+    lines = "".join(f"<li>{escaped(line)}</li>" for line in found)
     warnings = "".join(
         f"<li>{escaped(sentence(str(line)))}</li>" for line in result.trust.get("warnings") or []
     )
@@ -61,7 +65,7 @@ def _failures(checks: tuple[Check, ...]) -> Iterator[str]:
 
 
 def _routes(recheck: Any) -> Iterator[str]:
-    """Sentences on what was computed a second time."""
+    """Sentences about second computations."""
     if isinstance(recheck, list):
         yield from dict.fromkeys(line for item in recheck for line in _routes(item))
     if not isinstance(recheck, Mapping):
@@ -110,12 +114,11 @@ def _checks_html(checks: tuple[Check, ...]) -> str:
     )  # fmt: skip
     whole = scrolled("Checks", table("checks", ("check", "found", "accepted up to", ""), rows))
     failed = sum(not c.passed for c in checks)
-    told = f"{failed} of {len(checks)} checks failed" if failed else f"{len(checks)} checks"
-    return details(f"{told}: what was found, and what is accepted", whole, opened=failed > 0)
+    title = f"{failed} of {len(checks)} checks failed" if failed else f"{len(checks)} checks"
+    return details(f"{title}: what was found, and what is accepted", whole, opened=failed > 0)
 
 
 def _rest(trust: Mapping[str, Any]) -> str:
-    """The trust report in full."""
     kept = {key: value for key, value in trust.items() if key not in _SAID[:2]}
     text = _tree(kept) if kept else ""
     if len(text) > _LONGEST:

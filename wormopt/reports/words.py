@@ -1,4 +1,4 @@
-"""Numbers, units and names as a reader writes them, and texts that are safe to put on a page."""
+"""Numbers, units and names as words, and texts that are safe in HTML."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from collections.abc import Mapping
 from typing import Any
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_THIN = "\u202f"  # narrow, and no line ends there
+_THIN = "\u202f"  # narrow no-break space
 _NAMED = {"n_events": "number of events", "n_steps": "number of steps", "x_end": "positions at end",
           "v_end": "velocities at end", "k_end": "gains at end"}  # fmt: skip
-# An absolute path, of any system; what comes before it must be no part of a word or a unit.
+# An absolute path of any system, not preceded by part of a word or a unit.
 _PATH = re.compile(
     r"(?<![\w.<:/\\])(?:file://)?(?:~[\w.-]*/|/(?=[^\s/'\"]+/)|[A-Za-z]:[\\/]|\\\\)[^\s'\",;:()]*"
 )
 
 
 def escaped(text: object) -> str:
-    """Give a text as it may stand in HTML, also within an attribute."""
+    """Escape a text for HTML, also for attributes."""
     return html.escape(public(str(text)), quote=True)
 
 
 def public(text: str) -> str:
-    """Leave of every absolute path the name of the file: where it lay is nobody's business."""
+    """Shorten every absolute path to the name of the file, for privacy."""
     return _PATH.sub(lambda found: re.split(r"[\\/]", found[0].rstrip("\\/"))[-1], text)
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """Write a number with so many significant digits, powers of ten raised; no number: unknown."""
+    """Format a number with this many significant digits, powers of ten raised; NaN: unknown."""
     if value is None or not math.isfinite(value):
         return "unknown"
     if isinstance(value, bool):
@@ -45,14 +45,14 @@ def number(value: float | None, digits: int = 6) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Write a UDUNITS unit with its powers raised, never broken, and '1' as nothing."""
+    """Format a UDUNITS unit with raised powers, without line breaks, and '1' as nothing."""
     unit = unit.replace(" ", "\N{NO-BREAK SPACE}")
     raised = re.sub(r"(?<=[A-Za-z])-?\d+", lambda power: power[0].translate(_RAISED), unit)
     return "" if unit == "1" else raised
 
 
 def value_text(value: Any, unit: str = "1", digits: int = 6) -> str:
-    """Write a value of a scalar, an attribute or a key, with its unit."""
+    """Format a value of a scalar, an attribute or a key, with its unit."""
     if value is None or value == [] or value == {}:
         return "unknown" if value is None else "none"
     return f"{_bare(value, digits)}{_THIN}{unit_text(unit)}".rstrip(_THIN)
@@ -71,12 +71,12 @@ def _bare(value: Any, digits: int) -> str:
 
 
 def name_text(name: str) -> str:
-    """Write the name of a scalar, a check or a key as words."""
+    """Format the name of a scalar, a check or a key as words."""
     return _NAMED.get(name, name.replace("_", " "))
 
 
 def sentence(text: str) -> str:
-    """Begin with a capital letter, but for the key of a scene, and end with a full stop."""
+    """Capitalise, except the key of a scene, and end with a full stop."""
     text = text.strip()
     end = "" if text.endswith((".", "!", "?")) else "."
     first = text[:1] if re.match(r"\w+[._]\w", text) else text[:1].upper()
@@ -84,7 +84,7 @@ def sentence(text: str) -> str:
 
 
 def marked(text: str) -> str:
-    """Turn the little Markdown in which meanings are written into HTML."""
+    """Convert the simple Markdown of meanings into HTML."""
     text = escaped(text.replace("\\|", "|"))
     text = re.sub(r"\[([^\]]+)\]\([^)]*\)", r"\1", text)
     text = re.sub(r"`([^`]+)`", r"<code>\1</code>", text)

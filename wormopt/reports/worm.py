@@ -1,4 +1,4 @@
-"""Worms that move on the page: a stage that the page's script moves, and poses that stand still."""
+"""Animated worms on a page: a stage for the page's script, and still poses without scripts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PULL = (
 
 
 def motion_html(motion: Moving | Rod, ident: str) -> str:
-    """Give a figure: poses to read without scripts, and what the script shows in their place."""
+    """A figure: poses to read without scripts, and a stage that the script shows instead."""
     if isinstance(motion, Rod):
         stage, data, poses, caption = _rod_parts(motion)
     else:
@@ -77,9 +77,9 @@ def _worm_caption(moving: Moving, most: float) -> str:
         back = any(
             lane.load is not None and lane.load.min() < -1e-3 * most for lane in moving.lanes
         )
-        told = f"Bars: {moving.load_name}, the longest {value_text(most, moving.load_unit, 3)}"
-        told += "; hollow where it points backward." if back else "."
-        parts.append(f'<span class="bars">{escaped(told)}</span>')
+        caption = f"Bars: {moving.load_name}, the longest {value_text(most, moving.load_unit, 3)}"
+        caption += "; hollow where it points backward." if back else "."
+        parts.append(f'<span class="bars">{escaped(caption)}</span>')
     if moving.angle:
         degrees = number(float(np.degrees(moving.angle)), 3)
         drawn = "" if abs(moving.angle) <= STEEPEST else ", drawn less steep than it is"
@@ -91,7 +91,7 @@ def _worm_caption(moving: Moving, most: float) -> str:
 
 
 def _lane_data(lane: Lane, span: float, most: float) -> dict[str, Any]:
-    """Numbers of a lane, no finer than can be seen."""
+    """Data of a lane, rounded to visible precision."""
     places = int(np.clip(5 - np.floor(np.log10(span or 1.0)), 0, 15))
     found: dict[str, Any] = {"x": np.round(lane.position, places).tolist()}
     if lane.rests is not None:
@@ -102,7 +102,7 @@ def _lane_data(lane: Lane, span: float, most: float) -> dict[str, Any]:
 
 
 def _camera(every: np.ndarray, low: float, scale: float) -> list[float]:
-    """How far the ground moves to the left, frame by frame, where the worm leaves the picture."""
+    """Shift of the ground to the left, frame by frame, if the worm leaves the picture."""
     middle = (every.max(axis=0) + every.min(axis=0)) / 2
     return np.round((middle - low) * scale + _PAD - _WIDTH / 2, 1).tolist()
 
@@ -138,7 +138,7 @@ def _stage(moving: Moving, scale: float, low: float, high: float, radius: float)
 
 
 def _stage_lane(lane: Lane, top: float, radius: float, marks: str) -> str:
-    """A worm on its ground; where its masses are, the script says."""
+    """A worm on its ground; the script positions its masses."""
     foot, waist = _SKY + radius + 5, _SKY + 0.6 * radius
     wide, half = 0.6 * radius, min(radius, 5.0)
     links = f'<line class="link" y1="{_SKY:g}" y2="{_SKY:g}"/>' * (len(lane.position) - 1)
@@ -159,7 +159,7 @@ def _stage_lane(lane: Lane, top: float, radius: float, marks: str) -> str:
 
 
 def _marks(low: float, high: float, scale: float) -> list[tuple[float, float]]:
-    """Places on the ground, the same round distance apart, and where they are in the picture."""
+    """Marks on the ground at equal round distances, and their positions in the picture."""
     step = _round_step(100 / scale)
     first = np.ceil((low - 0.5 * _PAD / scale) / step) * step
     places = np.arange(first, high + 0.5 * _PAD / scale, step)[:600]
@@ -198,8 +198,8 @@ def _poses(lane: Lane, moving: Moving, scale: float, low: float, follow: bool) -
     for place, frame in enumerate(shown):
         y = 16 + apart * place
         at = [(x - low) * scale + left for x in position[:, frame]]
-        told = escaped(f"t = {value_text(float(moving.time[frame]), moving.time_unit, 3)}")
-        rows.append(f'<text class="when" x="0" y="{y + 4:.0f}">{told}</text>')
+        when = escaped(f"t = {value_text(float(moving.time[frame]), moving.time_unit, 3)}")
+        rows.append(f'<text class="when" x="0" y="{y + 4:.0f}">{when}</text>')
         rows.append(f'<path class="ground" d="M{left - 8:g} {y + radius + 3:.1f}H{_WIDTH:g}"/>')
         if len(at) > 1:
             rows.append(f'<path class="link" d="M{min(at):.1f} {y:g}H{max(at):.1f}"/>')

@@ -1,1 +1,1 @@
-"""The verb simulate: motions in time, contacts exact or smooth, events located."""
+"""Motions in time: contacts exact or smooth, events located."""

@@ -1,4 +1,4 @@
-"""Into which direction a contact in the plane begins to slip: that of its acceleration."""
+"""The direction in which a contact in the plane begins to slip: that of its acceleration."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from wormopt.simulation.call import Call
 from wormopt.simulation.grip import ENTRIES
 from wormopt.simulation.initial_value import InitialValueProblem
 
-# Share of the force that does not turn a direction.
+# Share of the force too small to turn a direction.
 _SMALL = 1e-13
 _SWEEPS = 300
-# After so many sweeps it is tried to turn all at once.
+# After this many sweeps all directions are turned at once.
 _PATIENCE = 5
-# Share of the force by which directions fit.
+# Share of the force to which directions must fit.
 _FIT = 1e-10
-# Share of the whole time over which it is seen how fast a direction turns.
+# Share of the whole time to measure how fast a direction turns.
 _GLANCE = 1e-7
 
 
 class Aim:
-    """Directions of onset, the entries of `s` after the modes; 0 where there is none."""
+    """Directions of onset, the entries of `s` after the modes; 0 for none."""
 
     def __init__(
         self, task: InitialValueProblem, s: np.ndarray, shared: tuple[tuple[str, np.ndarray], ...]
     ) -> None:
         system = task.system
         self._onsets = s[len(system.contacts) :].reshape(-1, ENTRIES)
-        self._directions = self._onsets[:, :2]  # when they began
+        self._directions = self._onsets[:, :2]  # initial directions
         self._glance = _GLANCE * (task.span[1] - task.span[0])
         self._place = {i: k for k, i in enumerate(system.planar.tolist())}
         self._sizes = [system.contacts[i].nominal_force for i in self._place]
         self._toward = np.zeros((0, 2))
-        self._joint: set[int] = set()  # places of what was let go together and must stay in line
+        self._joint: set[int] = set()  # of contacts released together, to stay in line
         if self._place:
             self._call, self._rates = Call(system.aims, *shared), Call(system.rhs, *shared)
 
@@ -50,12 +50,12 @@ class Aim:
             self._joint.discard(self._place[contact])
 
     def look(self, t: float, x: np.ndarray) -> None:
-        """Note where contacts at rest are pushed, before modes change."""
+        """Note the directions of forces on contacts at rest, before modes change."""
         if self._place:
             self._toward = self._call(t, x)[0].reshape(-1, 3)[:, :2].copy()
 
     def set(self, t: float, x: np.ndarray, contacts: Sequence[int]) -> None:
-        """Begin the onset of contacts that have been let go."""
+        """Begin the onset of released contacts."""
         places = [self._place[i] for i in contacts if i in self._place]
         for k in places:
             self._begin(k, t, self._toward[k])
@@ -75,10 +75,10 @@ class Aim:
                 self._joint.add(self._place[i])
 
     def sweep(self, t: float, x: np.ndarray) -> None:
-        """Turn what begins to slip until all directions fit each other.
+        """Turn directions of onset until they fit each other.
 
-        Those that do not settle end with the first step, by what they lack: then the motion turns
-        the velocities itself.
+        Those that do not converge end with the first step, since their error is large: then the
+        motion turns the velocities itself.
         """
         begun = np.flatnonzero(self._directions.any(axis=1))
         places = [int(k) for k in begun if int(k) not in self._joint]
@@ -92,7 +92,7 @@ class Aim:
                 break
 
     def _turn_together(self, places: list[int], t: float, x: np.ndarray) -> bool:
-        """Turn all at once, where it takes too long one after the other; tells whether they fit."""
+        """Turn all directions at once, if sweeps take too long; returns whether they fit."""
         before, sizes = self._directions[places], np.array(self._sizes)[places]
 
         def off(angles: np.ndarray) -> np.ndarray:
@@ -107,7 +107,7 @@ class Aim:
         return fit
 
     def follow(self, t: float, x: np.ndarray) -> None:
-        """Find how fast the directions turn with which contacts have just begun to slip."""
+        """Find how fast the directions of contacts in onset turn."""
         begun = self._directions.any(axis=1) & (self._onsets[:, 3] == t) & (self._onsets[:, 2] == 0)
         places = [int(k) for k in np.flatnonzero(begun) if int(k) not in self._joint]
         if not places:
@@ -124,8 +124,8 @@ class Aim:
     def _turn(self, k: int, t: float, x: np.ndarray) -> None:
         """Turn a direction until the force of onset is that of sliding.
 
-        A force on the edge of what holds tells its direction at once; one beyond does not where
-        resistance is not the same all around.
+        A force on the edge of the holding set gives its direction at once; one beyond it does not
+        if resistance is anisotropic.
         """
         first = float(np.arctan2(self._directions[k, 1], self._directions[k, 0]))
 
@@ -141,7 +141,7 @@ class Aim:
         near, turn = 0.0, -np.sign(begin) * 1e-6
         while (end := off(turn)) * begin > 0 and abs(turn) < 2 * np.pi:
             near, turn = turn, turn + np.clip(turn, -0.5, 0.5)
-        if not end * begin <= 0:  # a law that is not that of most power may have no such direction
+        if not end * begin <= 0:  # other laws than that of largest dissipation may have none
             off(0.0)
             return
         found = root_scalar(off, bracket=(near, turn), method="brentq", xtol=1e-15)

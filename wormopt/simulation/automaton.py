@@ -1,4 +1,4 @@
-"""Integration in Python: the compiled driver's steps, events and decisions, without a compiler."""
+"""Integration in Python: steps, events and decisions of the compiled driver, without a compiler."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from wormopt.simulation.steps import GivenUp, Kept, Step, Stepper
 
 _SWITCH = KINDS.index("switch")
 _STEPS_PER_REPORT = 500
-# Of so many switches that must be crossed together all choices are tried.
+# Most switches crossed together of which all choices are tried.
 _TOGETHER = 8
 
 
@@ -31,14 +31,14 @@ def integrate(task: InitialValueProblem, report: Report, *, stiff: bool) -> Outc
 
     Explicit steps of order 8, or if `stiff` implicit ones (Radau IIA of order 5).
     """
-    with np.errstate(all="ignore"):  # what is not finite is noticed where it matters
+    with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         motion = _Motion(task, stiff)
         status = motion.follow(report)
     return motion.outcome(status)
 
 
 class _Clock:
-    """Schedules: write their values into the parameters and tell when they change next."""
+    """Schedules: write their values into the parameters and give the next break."""
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray) -> None:
         self._p, self._schedules = p, task.schedules
@@ -49,7 +49,7 @@ class _Clock:
         self._directions = p[len(task.p) :].reshape(len(task.p), task.k)
 
     def follow(self, t: float) -> float:
-        """Set all values to those at time t, and tell when they change next.
+        """Set all values to those at time t, and the next break.
 
         A break within round-off of t counts as passed.
         """
@@ -63,7 +63,7 @@ class _Clock:
 
 @dataclass
 class _Record:
-    """What is kept of a motion."""
+    """Recorded parts of a motion."""
 
     task: InitialValueProblem
     samples: list[np.ndarray] = field(default_factory=list)
@@ -75,7 +75,7 @@ class _Record:
         self.kept = Kept(self.task.keep)
 
     def keep(self, step: Step) -> None:
-        """Samples within a step, its end left to what comes next."""
+        """Store samples within a step; its end belongs to the next step."""
         times, sampled = self.task.times, len(self.samples)
         stop = int(np.searchsorted(times, step.end))
         if stop > sampled:
@@ -104,7 +104,7 @@ class _Motion:
         modes = system.sliding
         self._task, self._modes, self._record = task, modes, _Record(task)
         self._t, self._x, self._n_steps = task.span[0], task.x0.copy(), 0
-        self._crowd: list[float] = []  # times of events of which none was long ago
+        self._crowd: list[float] = []  # times of recent events
         self._ended = False  # by a terminal switch
         self._clock = _Clock(task, p)
         self._stepper = _stepper(task, p, modes, stiff)
@@ -116,7 +116,7 @@ class _Motion:
         self._resets = Call(system.resets, ("p", p), ("s", modes)) if switches else None
 
     def follow(self, report: Report) -> str:
-        """Go to the end, or as far as it goes; gives the status."""
+        """Advance to the end, or as far as possible; returns the status."""
         try:
             with interruptible():
                 return self._follow(report)
@@ -145,7 +145,6 @@ class _Motion:
     # -- steps -----------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        """Try one step."""
         step = self._stepper.attempt(min(self._task.span[1], self._break))
         if step is None:
             return
@@ -165,7 +164,7 @@ class _Motion:
             self._start_afresh()
 
     def _note_touches(self, step: Step, crossing: Crossing | None) -> None:
-        """Doubt derivatives where an event before the first one all but happened."""
+        """Doubt derivatives if an event before the first one nearly happened."""
         for which, theta in self._watch.touched if self._columns.k else ():
             if not crossing or theta < crossing.theta:
                 mode = self._modes[which] if which < self._watch.n_contacts else 0.0
@@ -179,11 +178,10 @@ class _Motion:
 
     @property
     def _all(self) -> np.ndarray:
-        """State, and behind it its derivatives."""
         return np.append(self._x, self._columns.s)
 
     def _go_to(self, step: Step, crossing: Crossing) -> None:
-        """Step to an event and let it happen."""
+        """Step to an event and process it."""
         located = self._watch.locate(step, crossing, self._stepper)
         if located.step is not None:
             self._take(located.step)
@@ -201,7 +199,7 @@ class _Motion:
         self._start_afresh()
 
     def _count_crowd(self) -> None:
-        """Give up where events follow each other with hardly any time passing."""
+        """Give up if events follow each other with hardly any time in between."""
         start, end = self._task.span
         if self._crowd and self._t - self._crowd[0] > 1e-10 * (end - start):
             self._crowd.clear()
@@ -209,10 +207,10 @@ class _Motion:
         if len(self._crowd) > 32 + 16 * self._watch.n:
             raise GivenUp("events_accumulate")
 
-    # -- what happens without time passing ---------------------------------------------------
+    # -- changes at one instant --------------------------------------------------------------
 
     def _start_afresh(self) -> None:
-        """Fire switches whose guards have jumped above 0, and tell the stepper."""
+        """Fire switches whose guards have jumped above 0, and restart the stepper."""
         for _ in range(10 * len(self._task.system.model.switches) + 1):
             self._note_landings()
             k = self._watch.jumped_switch(self._t, self._x)
@@ -222,13 +220,13 @@ class _Motion:
         else:
             raise GivenUp("events_accumulate")
         if self._ended:
-            return  # the end moves with its event, and so does the state there
+            return  # the end moves with its event, as does the state there
         self._watch.raise_levels(self._t, self._x)
         self._columns.arrive(self._t, self._x)
         self._stepper.restart(self._t, self._all)
 
     def _note_landings(self) -> None:
-        """Doubt derivatives where a guard is next to 0 after a jump."""
+        """Doubt derivatives if a guard is near 0 after a jump."""
         if self._columns.k and self._task.system.model.switches:
             guards, armed = self._watch.guards(self._t, self._x)
             self._columns.land(self._t, self._x, guards, armed)
@@ -255,11 +253,11 @@ class _Motion:
         return np.split(states, len(self._task.system.model.switches))[k].copy()
 
     def _cross(self, k: int, near: Near) -> None:
-        """Fire all switches that must fire with one that must be crossed.
+        """Fire all switches that must fire together with the crossed switch `k`.
 
-        Where several guards are 0 together, or jump, the first choice of these switches is taken
-        with which the motion leaves all their guards. Raises GivenUp if none does, and the motion
-        is led back to the guard of switch `k`.
+        If several guards are 0 or jump at once, the first choice of these switches is taken after
+        which the motion leaves all their guards. Raises GivenUp if no choice does so and the
+        motion leads back to the guard of switch `k`.
         """
         watch, t = self._watch, self._t
         choices = list(_choices(watch.at_guard(t, self._x, near)[:_TOGETHER]))
@@ -282,7 +280,7 @@ class _Motion:
             self._decide()
         for j in jumped:
             watch.note_fired(j, t, self._x)
-        for j in watch.at_guard(t, self._x, near):  # those that have not fired must not by rounding
+        for j in watch.at_guard(t, self._x, near):  # switches that have not fired must not
             watch.note_fired(j, t, self._x, (near.size[j], near.rate[j]))
 
     def _decide(self, forced: int | None = None) -> None:
@@ -301,9 +299,9 @@ class _Motion:
     # -- the end -----------------------------------------------------------------------------
 
     def outcome(self, status: str) -> Outcome:
-        """What was found."""
+        """The results."""
         task, record, x = self._task, self._record, self._all
-        # An interrupted step may have left more behind than it came to.
+        # An interrupted step may have stored more than it reached.
         reached = int(np.searchsorted(task.times, self._t, side="right"))
         samples = [*record.samples, *reached * [x]][:reached]
         steps = [(end, rows) for end, rows in record.steps if end <= self._t]
@@ -332,5 +330,5 @@ def _choices(of: Sequence[int]) -> Iterator[list[int]]:
 
 
 def _table(rows: Sequence[ArrayLike], *shape: int) -> np.ndarray:
-    """Rows of a shape as one array, be there any or not."""
+    """Rows of a shape as one array, possibly empty."""
     return np.array(rows, dtype=float).reshape(len(rows), *shape)

@@ -7,15 +7,15 @@ import numpy as np
 
 
 class Call:
-    """A CasADi function called through its buffer, which costs a hundredth of an ordinary call.
+    """A CasADi function called through its buffer, a hundred times faster than an ordinary call.
 
-    Its arguments and results must be dense. Those in `shared` are not passed but read from
-    these arrays, which the caller may rewrite.
+    Its arguments and results must be dense. Those in `shared` are not passed: they are read
+    from these arrays, which the caller may rewrite.
     """
 
     def __init__(self, function: ca.Function, *shared: tuple[str, np.ndarray]) -> None:
         self._buffer, self._run = function.buffer()
-        self._shared = arrays = dict(shared)  # kept alive: the buffer knows addresses only
+        self._shared = arrays = dict(shared)  # kept alive: the buffer stores addresses only
         self._passed = []
         for i, name in enumerate(function.name_in()):
             array = arrays.get(name)

@@ -1,8 +1,8 @@
-"""Conditions in a Model: where its right-hand side jumps or bends, read off its expressions.
+"""Conditions in a Model: jumps and kinks of its right-hand side, found in its expressions.
 
-An integrator that steps over a jump loses its order, and one that steps over a pulse never sees it.
-So conditions of time are given to it as a schedule, and those of states by which the right-hand
-side jumps as switches: in between each is held, whatever it says there.
+An integrator that steps over a jump loses its order, and one that steps over a pulse misses it.
+Therefore conditions of time become a schedule, and conditions of states at which the right-hand
+side jumps become switches: in between the value of each is constant.
 """
 
 from __future__ import annotations
@@ -22,35 +22,35 @@ from wormopt.model.values import nominal_of, signal_values
 from wormopt.numerics.instructions import read
 
 NAME = "held conditions"
-"""Name of the schedule and of the state that hold them."""
+"""Name of the schedule and of the state with the values of conditions."""
 
 # What a result depends on.
 _TIME, _FIXED, _PIECES, _STATE = 1, 2, 4, 8
 
-# Where a guard is looked for, and how near to it is at it.
+# Distance, in nominal sizes, at which guards are searched, and at which they count as reached.
 _TRIALS, _WIDEST, _NEAR, _NEWTON, _AT_GUARD = 24, 4, 3, 12, 1e-12
-# Where there are more conditions, others near by are not looked for; where there are still more,
-# as in averages, which are continuous, none are.
+# With more conditions than this, neighbouring ones are not examined; with still more, as in
+# averages, which are continuous, none are.
 _FEW, _MOST = 8, 24
-# A guard that is 0 for a while is on one side by this.
+# Side of a guard that is 0 for a while.
 _BARELY = 1e-280
 # Share of the right-hand side that is no jump but rounding.
 _JUMP, _ROUNDING = 1e-8, 1e-14
-# How far beyond its guard, in usual sizes, what is held must have a value.
+# How far beyond its guard, in nominal sizes, a held value must be defined.
 _BEYOND = 1e-3
 
 
 class _Kind(NamedTuple):
-    """How a condition is decided, and what takes its place."""
+    """How a condition is decided, and its replacement."""
 
-    says: Callable[..., ca.SX]  # its value, which is held
+    says: Callable[..., ca.SX]  # its value
     guard: Callable[..., ca.SX]  # the value changes where this passes 0, or a bound
     instead: Callable[..., ca.SX]  # the operation, of the value held and its arguments
     # where the value is m it changes to m - 1 below the first bound, to m + 1 above the second;
-    # then whether it does so at the bound too
+    # then whether the bound itself belongs to the new value
     bounds: Callable[[ca.SX], tuple[ca.SX, ca.SX, ca.SX, ca.SX]] | None = None
-    jumps: bool = True  # or only bends
-    # without bounds: what it is where the guard is negative, positive and 0
+    jumps: bool = True  # or has kinks only
+    # without bounds: its value where the guard is negative, positive and 0
     sides: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
 
@@ -104,30 +104,30 @@ _KINDS = {
 }
 _JUMPING = [operation for operation, kind in _KINDS.items() if kind.jumps]
 
-# Functions of time that may be narrow. Polynomials are not, and what is made of narrow ones is.
+# Functions of time that may be narrow. Polynomials are not; functions of narrow ones are.
 _CURVED = (
     *(ca.OP_EXP, ca.OP_EXPM1, ca.OP_LOG, ca.OP_LOG1P, ca.OP_SQRT, ca.OP_POW, ca.OP_CONSTPOW),
     *(ca.OP_DIV, ca.OP_INV, ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_ASIN, ca.OP_ACOS, ca.OP_ATAN),
     *(ca.OP_SINH, ca.OP_COSH, ca.OP_TANH, ca.OP_ASINH, ca.OP_ACOSH, ca.OP_ATANH, ca.OP_ERF),
     *(ca.OP_ATAN2, ca.OP_HYPOT),
 )
-# So many of them are looked at.
+# Most of them that are examined.
 _MOST_COURSES = 2000
 
 
 @dataclass(frozen=True, eq=False)
 class Timed:
-    """Functions of time in a model's right-hand side, by the symbols of `inputs`."""
+    """Functions of time in a model's right-hand side, in terms of the symbols `inputs`."""
 
     inputs: ca.SX  # column of time, parameters, inputs and, of each schedule, begin and symbol
     n_fixed: int  # how many parameters and inputs there are
-    values: ca.SX  # column, what conditions say
-    guards: ca.SX  # column, where these pass 0 or a whole number the values change
-    sizes: ca.SX  # column, sizes of what guards are differences of
-    levels: np.ndarray  # (m,) whether it is a whole number
-    jumps: np.ndarray  # (m,) whether a value jumps, or only bends
+    values: ca.SX  # column, values of conditions
+    guards: ca.SX  # column; values change where these pass 0 or a whole number
+    sizes: ca.SX  # column, sizes of the terms of guards
+    levels: np.ndarray  # (m,) whether at whole numbers
+    jumps: np.ndarray  # (m,) whether a value jumps, or only has a kink
     nested: np.ndarray  # (m,) whether a guard may jump, by other conditions
-    jumping: ca.SX  # column, guards of those that do not only bend
+    jumping: ca.SX  # column, guards of those that jump
     courses: ca.SX  # column of functions that may be narrow
     complete: bool  # whether these are all of them
 
@@ -136,26 +136,26 @@ class Timed:
 class Lifted:
     """A model whose conditions are held between the instants at which they change.
 
-    Those of time are the last schedule of the model, whose breaks are still to be found; those of
+    Those of time are the last schedule of the model, whose breaks are not known yet; those of
     states are its last state.
     """
 
     model: Model
     timed: Timed
-    start: ca.SX  # values of the last state, by all that comes before it and the schedules
+    start: ca.SX  # initial values of the last state, in terms of all before it and the schedules
 
     @property
     def held(self) -> int:
-        """How many conditions of states are held."""
+        """Number of held conditions of states."""
         return self.start.numel()
 
 
 @lru_cache(maxsize=64)
 def lifted(model: Model, states: bool, *, moving: bool) -> Lifted | None:
-    """Hold the conditions of a model; None where nothing in it is to be looked at.
+    """Hold the conditions of a model; None if there are none.
 
-    `states`: also those of states, for who knows switches. `moving`: jumps at instants of time are
-    switches too, so that derivatives know how the instants move.
+    `states`: also those of states, for integrators with switches. `moving`: jumps at instants of
+    time are switches too, so that derivatives include the motion of the instants.
     """
     return _Graph(model).lifted(states, moving)
 
@@ -163,7 +163,7 @@ def lifted(model: Model, states: bool, *, moving: bool) -> Lifted | None:
 def may_have(model: Model, operations: np.ndarray) -> bool:
     """Whether a model may have conditions, or narrow functions of time.
 
-    `operations`: those of a function in which its ode stands.
+    `operations`: those of a function that contains its ode.
     """
     if np.isin(operations, [ca.OP_SIGN, *_KINDS]).any() or any(
         _composed(c) for c in model.contacts
@@ -174,7 +174,7 @@ def may_have(model: Model, operations: np.ndarray) -> bool:
 
 
 def expressions_of(model: Model) -> ca.SX:
-    """Column of all that the right-hand side of a model consists of, then signals of the past."""
+    """Column of all expressions of a model's right-hand side, then delayed signals."""
     laws = [s for c in model.contacts for s in _composed(c).values()]
     guards = [switch.guard for switch in model.switches]
     past = [delay.signal for delay in model.delays]
@@ -182,7 +182,7 @@ def expressions_of(model: Model) -> ca.SX:
 
 
 def _composed(contact: Contact) -> dict[str, ca.SX]:
-    """Expressions of a contact's law that are more than a symbol."""
+    """Expressions of a contact's law other than single symbols."""
     fields = fields_of(contact.law).items()
     return {k: v for k, v in fields if isinstance(v, ca.SX) and not v.is_valid_input()}
 
@@ -222,13 +222,13 @@ class _Condition:
 
 
 class _Sides(NamedTuple):
-    """Functions of the symbols by which conditions of states are looked at."""
+    """Functions of the symbols to examine conditions of states."""
 
-    look: ca.Function  # what conditions say, and their guards
+    look: ca.Function  # values of conditions, and their guards
     slopes: ca.Function  # of the guards, by states
-    right: ca.Function  # results and guards, also of what conditions say
-    nested: list[bool]  # whether a guard is of what other conditions say
-    two: np.ndarray  # conditions that say one of two things
+    right: ca.Function  # results and guards, also in terms of held values
+    nested: list[bool]  # whether a guard depends on other conditions
+    two: np.ndarray  # conditions with two values
 
 
 class _Graph:
@@ -262,10 +262,10 @@ class _Graph:
         instead: Callable[[int, list[ca.SX], int], ca.SX | None],
         until: int = _TIME | _FIXED | _PIECES | _STATE,
     ) -> ca.SX:
-        """Build the expressions anew; `instead` may give something else for an operation.
+        """Rebuild the expressions; `instead` may replace an operation.
 
-        It is given the instruction, its arguments and what they depend on. What depends on more
-        than `until` is not built.
+        It is given the instruction, its arguments and their dependence. Expressions that depend on
+        more than `until` are left out.
         """
         nothing = ca.SX(0)
         work = [(nothing, 0)] * self._function.sz_w()
@@ -312,7 +312,7 @@ class _Graph:
         return found
 
     def _courses(self) -> ca.SX:
-        """Functions of time that may be narrow, each once."""
+        """Functions of time that may be narrow, without duplicates."""
         found = dict[int, ca.SX]()
 
         def note(k: int, arguments: list[ca.SX], depends: int) -> ca.SX | None:
@@ -320,7 +320,7 @@ class _Graph:
             if operation in (ca.OP_DIV, ca.OP_INV) and not ca.depends_on(
                 arguments[-1], self._model.t
             ):
-                return None  # by a number
+                return None  # depends on no symbol
             if operation in _CURVED and depends & _TIME:
                 apply = ca.SX.unary if len(arguments) == 1 else ca.SX.binary
                 course = apply(operation, *arguments)
@@ -332,7 +332,7 @@ class _Graph:
         return ca.vertcat(ca.SX(0, 1), *found.values())
 
     def _holding(self, chosen: Sequence[_Condition]) -> tuple[ca.SX, dict[int, list[ca.SX]]]:
-        """Expressions with conditions held, and the arguments of these."""
+        """Expressions with held conditions, and the arguments of these."""
         at, arguments_of = {c.at: c for c in chosen}, dict[int, list[ca.SX]]()
 
         def hold(k: int, arguments: list[ca.SX], _: int) -> ca.SX | None:
@@ -344,7 +344,7 @@ class _Graph:
         return self._walk(hold), arguments_of
 
     def lifted(self, states: bool, moving: bool) -> Lifted | None:
-        """The model with its conditions held; None where there is nothing to look at."""
+        """The model with held conditions; None if there are none."""
         conditions = self._conditions()
         timed = [c for c in conditions if c.of_time]
         jumps = self._jumping([c for c in conditions if not c.of_time]) if states else []
@@ -374,7 +374,7 @@ class _Graph:
             changes = _with(model, expressions)
             if switched:
                 changes |= _switched(model, changes, switched, arguments)
-        # of what is switched the schedule has the instants alone
+        # for switches the schedule has the instants only
         symbols = [c.symbol if c in scheduled else ca.SX.sym("unused") for c in timed]
         symbols = ca.vertcat(ca.SX(0, 1), *symbols)
         pieces = Schedule(
@@ -385,14 +385,14 @@ class _Graph:
             np.zeros((1, len(timed))),
         )
         start = ca.SX(0, 1)
-        for k, c in enumerate(switched):  # a condition holds none that come after it
+        for k, c in enumerate(switched):  # a condition depends on no later one
             before = ca.vertcat(ca.SX(0, 1), *(other.symbol for other in switched[:k]))
             start = ca.vertcat(start, ca.substitute(c.kind.says(*arguments[c.at]), before, start))
         changes["schedules"] = [*model.schedules, pieces]
         return Lifted(replace(model, **changes), found, start)
 
     def _jumping(self, candidates: list[_Condition]) -> list[_Condition]:
-        """Those by which the right-hand side jumps, among conditions of states."""
+        """Conditions of states at which the right-hand side jumps."""
         model = self._model
         out_of_reach = ca.vertcat(pack(model.z), model.forces, pack(model.delays))
         reached = _depend([c.guard for c in candidates], out_of_reach)
@@ -415,20 +415,20 @@ class _Graph:
         )
         jumps = np.array([self._jumps(k, c.kind, sides) for k, c in enumerate(known)])
         chosen = jumps[:, :count].any(axis=1)
-        for _ in known:  # no guard of those may jump either
+        for _ in known:  # their guards must not jump either
             chosen = chosen | jumps[:, count:][:, chosen].any(axis=1)
         return [known[k] for k in np.flatnonzero(chosen).tolist()]
 
-    @np.errstate(all="ignore")  # what is not finite is noticed where it matters
+    @np.errstate(all="ignore")  # values that are not finite are detected where they matter
     def _jumps(self, k: int, kind: _Kind, of: _Sides) -> np.ndarray:
-        """Which results differ on the two sides of where a condition changes."""
+        """Which results differ on both sides of a change of a condition."""
         random, (size, own) = np.random.default_rng(k), self._sizes()
         first, found = len(size) - self._states.numel(), np.zeros(of.right.numel_out(0), dtype=bool)
-        many = of.look.numel_out(1) > _FEW  # each look takes long then
+        many = of.look.numel_out(1) > _FEW  # each look is slow then
         for trial in range(2 if many else _TRIALS):
             at = size * random.normal(size=len(size)) * 3.0 ** (trial % _WIDEST)
             at[1 : 1 + len(own)] = own
-            # near places where others change: it may be that all hold in a small place only
+            # near other changes too: some conditions may be constant in a small region only
             near = random.permutation(np.setdiff1d(of.two, [k]))
             near = near[:0] if many or not trial else near[: random.integers(0, _NEAR + 1)]
             rows = np.append(k, near)
@@ -453,14 +453,14 @@ class _Graph:
                 sides.append(np.array(of.right(at, values)).ravel())
                 beyond = [of.right(at + off * way, values) for off in (-_BEYOND, _BEYOND)]
                 if not np.all(np.isfinite(np.array(beyond))):
-                    return np.zeros_like(found)  # what is held has no value where a step may look
+                    return np.zeros_like(found)  # a held value is undefined where a step may look
             largest = np.maximum(*map(np.abs, sides))
             rounding = _ROUNDING * largest.max(initial=0.0)
             found |= np.abs(sides[1] - sides[0]) > np.maximum(_JUMP * largest, rounding)
         return found
 
     def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Usual sizes of all symbols, and values of parameters and inputs."""
+        """Nominal sizes of all symbols, and values of parameters and inputs."""
         model = self._model
         signals = (*model.p, *model.u)
         values = [replace(s, value=1.0 if s.value is None else s.value) for s in signals]
@@ -478,12 +478,12 @@ def _depend(each: list[ca.SX], on: ca.SX) -> list[bool]:
 
 
 def _target(kind: _Kind, trial: int) -> float:
-    """Where a guard is looked for: at 0, or at one whole number after the other."""
+    """Values at which a guard is searched: 0, or successive whole numbers."""
     return (1.0, 2.0, -1.0, 3.0)[trial % 4] if kind.bounds else 0.0
 
 
 def _around(kind: _Kind, level: float) -> tuple[float, float]:
-    """Values on the two sides of where a condition changes."""
+    """Values on both sides of the change of a condition."""
     if kind.bounds is None:
         return kind.sides[:2]
     below = next(m for m in (level - 1, level) if float(kind.bounds(ca.SX(m))[1]) == level)
@@ -493,7 +493,7 @@ def _around(kind: _Kind, level: float) -> tuple[float, float]:
 def _with(model: Model, expressions: ca.SX) -> dict[str, Any]:
     """Parts of the model with other expressions, in the order of `expressions_of`.
 
-    Signals of the past stay as they are: what is remembered is cut where steps end.
+    Delayed signals stay as they are: their memory is split at ends of steps.
     """
     rest = iter(ca.vertsplit(expressions))
 
@@ -513,7 +513,7 @@ def _with(model: Model, expressions: ca.SX) -> dict[str, Any]:
 
 
 def _barely(at_guard: ca.SX) -> ca.SX:
-    """What makes a guard that is 0 positive or negative: whether a condition changes there."""
+    """Small shift of a guard: positive if the condition changes at the guard itself."""
     return _BARELY * (2 * at_guard - 1)
 
 
@@ -523,7 +523,7 @@ def _switched(
     jumps: list[_Condition],
     arguments: dict[int, list[ca.SX]],
 ) -> dict[str, Any]:
-    """Parts of the model with a state for its conditions, behind its own, and switches of it."""
+    """Parts of the model with a last state for its conditions, and switches that set it."""
     symbols, x = [c.symbol for c in jumps], pack(model.x)
     held = ca.vertcat(*symbols)
     switches = [replace(s, reset=ca.vertcat(s.reset, held)) for s in changes["switches"]]
@@ -536,7 +536,7 @@ def _switched(
             guard = ca.fmax(*ways)
         else:
             least, most, at = c.kind.sides
-            below = m < (least + most) / 2  # it is what it is where the guard is negative
+            below = m < (least + most) / 2  # its value where the guard is negative
             up, down = _barely(ca.SX(at == most)), _barely(ca.SX(at == least))
             guard = ca.if_else(below, guard + up, down - guard)
             after = least + most - m

@@ -1,4 +1,4 @@
-"""Which contacts slide and which rest, decided from velocities and forces; exact treatment only."""
+"""Decides in exact treatment which contacts slide and which rest, from velocities and forces."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _REVERSAL, _STICK, _RELEASE, _IMPACT = (
     KINDS.index(kind) for kind in ("reversal", "stick", "release", "impact")
 )
 
-# Share of what holds a contact at rest that is more than errors of an event.
+# Share of the holding force of a contact at rest; above errors of events.
 _HELD = 1e-2
-# Shares of the span by which it is looked ahead where contacts hardly part now.
+# Look-ahead times, as shares of the span, for contacts that hardly part.
 _LATER = (0.0, 1e-7, 1e-5, 1e-3)
-# Least determinant, against its rows, with which contacts at rest do not leave forces open.
+# Least determinant, relative to its rows, that determines forces of contacts at rest.
 _OPEN = 1e-10
 
 
 class Change(NamedTuple):
-    """What happened to a contact."""
+    """Change of a contact's mode."""
 
     which: int  # contact
     kind: int  # index in KINDS
@@ -34,7 +34,7 @@ class Change(NamedTuple):
 
 
 class _Probe(NamedTuple):
-    """Per contact."""
+    """Values per contact."""
 
     velocity: np.ndarray
     acceleration: np.ndarray
@@ -45,7 +45,7 @@ class _Probe(NamedTuple):
 
     @property
     def toward(self) -> np.ndarray:
-        """Direction in which a resting contact would be let go."""
+        """Direction in which a resting contact would be released."""
         return np.where(self.force - self.least < self.largest - self.force, 1.0, -1.0)
 
     @property
@@ -56,7 +56,7 @@ class _Probe(NamedTuple):
 class Contacts:
     """Modes of the contacts that may rest.
 
-    `modes` (+1, -1, 0, then directions of onset) are rewritten here and by nobody else.
+    `modes` (+1, -1, 0, then directions of onset) are rewritten here only.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Contacts:
         self._directions = [(1,) if i in planar else law.directions for i, law in laws]
         self._prescribed, self._geared = frozenset(system.prescribed), frozenset(system.geared)
         self._held = np.array([not directions for directions in self._directions], dtype=bool)
-        self._released = dict[int, float]()  # when each was last let go by an event
+        self._released = dict[int, float]()  # time of the last release by an event
         self._probe, self._project = Call(system.probe, *shared), Call(system.project, *shared)
         self._aim = Aim(task, modes, shared)
 
@@ -98,13 +98,14 @@ class Contacts:
     ) -> tuple[np.ndarray, list[Change], list[int]]:
         """Decide which contacts rest, from velocities and then from forces.
 
-        `forced`: contact of an event; moving, it rests now; resting, it is let go. Gives the
-        state after impulses, changes, contacts now at velocity 0. GivenUp if none fits.
+        `forced`: contact of an event; a moving one rests from now on, a resting one is released.
+        Returns the state after impulses, changes, and contacts at velocity 0. Raises GivenUp if
+        no modes fit.
         """
         before, probe = self._modes.copy(), self._look(t, x)
         if forced is not None and (self._has_begun(forced, probe) or self._is_held(forced, probe)):
             forced = None
-        # velocities above which what stops has been stopped by an impulse
+        # velocities above which a stop needs an impulse
         jump_from = np.where(before == 0, self._drift, np.maximum(1e3 * self._v_rest, self._v_stop))
         struck = self._held & (np.abs(probe.velocity) > jump_from)
         if struck.any():
@@ -137,12 +138,12 @@ class Contacts:
         return x, self._changes(before, forced, struck | hit), stopped
 
     def _settle(self, t: float, x: np.ndarray) -> _Probe:
-        """Let go of what has to be and catch what has to be, until nothing has."""
+        """Alternate releases and stops until neither is needed."""
         for _ in range(9 + 8 * self._n):
             if self._coupled:
                 self._aim.sweep(t, x)
             probe = self._look(t, x)
-            if not (self._sharing or probe.determined > _OPEN):  # they leave forces open
+            if not (self._sharing or probe.determined > _OPEN):  # forces are undetermined
                 break
             if not (self._let_go(t, x, probe) or (self._coupled and self._catch_again(t, probe))):
                 return probe
@@ -157,7 +158,7 @@ class Contacts:
         forced_mode: float | None,
         at_start: bool,
     ) -> None:
-        """Doubt derivatives where a little would have led to another decision."""
+        """Doubt derivatives if a small change would have changed the decision."""
         doubts, shares = self._columns.doubts, probe.margin / self._held_by
         doubts.decision(t, self._modes, shares, suspects, forced_mode, at_start=at_start)
         for i in np.flatnonzero(suspects & (self._modes == 0)).tolist() if at_start else []:
@@ -165,31 +166,31 @@ class Contacts:
                 doubts.slides_on(t, i)
 
     def _slides_on(self, t: float, x: np.ndarray, i: int, toward: float) -> bool:
-        """Whether a resting contact would slide on if it moved the way it is pulled."""
+        """Whether a resting contact would slide on if it moved in the direction of its force."""
         self._modes[i] = toward
         goes = np.sign(self._look(t, x).acceleration[i])
         self._modes[i] = 0.0
         return bool(goes == toward)
 
     def _has_begun(self, i: int, probe: _Probe) -> bool:
-        """End a contact's onset where it is fast enough for a direction of its own."""
+        """End a contact's onset if it is fast enough to define its own direction."""
         ends = self._aim.is_set(i) and probe.velocity[i] > self._least_onset[i] / 2
         if ends:
             self._aim.clear(i)
         return ends
 
     def _is_held(self, i: int, probe: _Probe) -> bool:
-        """Whether a contact at rest that is to be let go is held after all.
+        """Whether a resting contact that is to be released holds after all.
 
-        Where others slip so slowly that their forces swing round in no time, its own may have
-        been out of bounds only in between.
+        If others slip so slowly that their forces turn at once, its own may have been out of bounds
+        only in between.
         """
         if self._modes[i] != 0 or not self._coupled or not probe.determined > _OPEN:
             return False
         return bool(probe.margin[i] > _HELD * self._held_by[i])
 
     def _hold(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Stop what is held by impulses on nothing else."""
+        """Stop resting contacts by impulses on these contacts only."""
         before = self._s.copy()
         self._s[:] = self._sliding
         self._modes[self._held] = 0.0
@@ -208,7 +209,7 @@ class Contacts:
         return found
 
     def _by_velocity(self, t: float, probe: _Probe, forced: int | None) -> None:
-        """Set modes by velocity alone; at 0 a prescribed one goes on as it accelerates."""
+        """Set modes by velocity alone; at 0 acceleration decides for prescribed velocities."""
         for i, v in enumerate(probe.velocity):
             if i in self._prescribed:
                 ahead = -self._modes[i] if i == forced else probe.acceleration[i]
@@ -223,16 +224,16 @@ class Contacts:
             slow = self._drift[i] if self._modes[i] == 0 else self._v_stop[i]
             if i != forced and abs(v) > slow:
                 self._modes[i] = np.sign(v) if np.sign(v) in self._directions[i] else 0.0
-            elif self._released.get(i) != t:  # else let go this very instant
+            elif self._released.get(i) != t:  # unless released at this instant
                 self._modes[i] = 0.0
 
     def _part(self, t: float, x: np.ndarray, gone: int | None, before: _Probe) -> list[int]:
-        """Let contacts slide that cannot rest together: one is on the ground, another on a belt.
+        """Let contacts slide that cannot rest together, such as on the ground and on a belt.
 
-        They share a freedom and their velocities are 0 at once, but do not stay alike. All slide
-        forward at first; then the one that moves most against its mode is caught, and let go the
-        other way if its force does not hold it: the acceleration rises to what it is. `gone` is
-        let go by an event, of which `before` tells.
+        They share a degree of freedom and their velocities are 0 at once, but differ later. All
+        slide forward at first; then the one that moves most against its mode is stopped, and
+        released the other way if its force does not hold it: the acceleration rises to its value.
+        `gone` was released by an event, in a direction of `before`.
         """
         if self._sharing or not self._coupled or self._look(t, x).determined > _OPEN:
             return []
@@ -244,7 +245,7 @@ class Contacts:
     def _parts(
         self, t: float, x: np.ndarray, among: list[int], gone: int | None, before: _Probe
     ) -> bool:
-        """Find how contacts part; False where it remains open."""
+        """Find how contacts part; False if undetermined."""
         for i in among:
             self._modes[i] = before.toward[i] if i == gone else self._directions[i][0]
         for _ in range(2 * len(among) + 1):
@@ -263,15 +264,15 @@ class Contacts:
             worst = min(sliding, key=ahead.__getitem__, default=gone)
             if worst is None or worst == gone or ahead[worst] > rounding:
                 return True
-            if ahead[worst] > -rounding:  # it hardly parts from the others
+            if ahead[worst] > -rounding:  # the contact hardly parts from the others
                 break
             self._modes[worst] = 0.0
         return False
 
     def _slide_through(self, t: float, x: np.ndarray, slow: list[int]) -> list[int]:
-        """Let go, before anything is stopped, of geared contacts that their force cannot hold.
+        """Release, before any stop, geared contacts that their force cannot hold.
 
-        What stopped them where none of it acts would stop all that moves.
+        Stopping them without an acting force would stop everything that moves.
         """
         passing = list[int]()
         for i in slow:
@@ -284,7 +285,7 @@ class Contacts:
         return passing
 
     def _take_along(self, t: float, x: np.ndarray) -> None:
-        """Let contacts in the plane rest that others have stopped: they have no direction left."""
+        """Let planar contacts rest that others have stopped: their slip direction is undefined."""
         slow = self._in_plane & (np.abs(self._look(t, x).velocity) <= self._v_stop)
         for i in np.flatnonzero(slow & (self._modes != 0)).tolist():
             if not self._aim.is_set(i):
@@ -300,7 +301,7 @@ class Contacts:
         return self._sharing.look(t, x) if self._sharing else []
 
     def _release(self, t: float, x: np.ndarray, gone: list[int], probe: _Probe) -> list[int]:
-        """Let go of contacts and of what they share a load with; gives all that moves."""
+        """Release contacts and those that share a load with them; returns all that move."""
         splits = self._splits(t, x)
         shared = {int(i) for split in splits for i in split.contacts}
         alone, all_ = [i for i in gone if i not in shared], list[int]()
@@ -325,7 +326,7 @@ class Contacts:
             raise GivenUp("no_contact_mode")
 
     def _let_go(self, t: float, x: np.ndarray, probe: _Probe) -> bool:
-        """Let go of what cannot be held, the worst one first where contacts act on each other."""
+        """Release contacts that do not hold, the worst one first if contacts act on each other."""
         outside = -probe.margin / self._f_rest
         for split in self._splits(t, x):
             outside[split.contacts] = (split.share - 1) / SHARE_REST
@@ -342,8 +343,8 @@ class Contacts:
         return True
 
     def _catch_again(self, t: float, probe: _Probe) -> bool:
-        """Catch one that was let go but would move against its mode, by more than rounding."""
-        acceleration = probe.acceleration / self._drift  # drift goes with nominal speed
+        """Stop again a released contact that would move against its mode by more than rounding."""
+        acceleration = probe.acceleration / self._drift  # drift is proportional to nominal speed
         rounding = 1e-9 * np.abs(acceleration).max()
         for i, mode in enumerate(self._modes):
             moves = abs(probe.velocity[i]) > self._v_stop[i]

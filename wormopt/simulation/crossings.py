@@ -1,13 +1,13 @@
-"""When a contact or a switch has to be decided anew: zeros of event functions within a step.
+"""Events, at which contacts and switches are decided anew: zeros of event functions in a step.
 
-An event function is positive while things stay as they are: for a sliding contact its velocity in
-the direction of sliding, for a resting one the distance of its force from the nearer bound, for a
+An event function is positive while a mode lasts: for a sliding contact it is its velocity in the
+direction of sliding, for a resting one the distance of its force from the nearer bound, for a
 switch minus its guard. In the plane a contact slides while its speed is above that of a stop; its
-onset lasts while it goes ahead, and until it is fast enough and its error counts. An event is where
-it falls below its level. The level is 0 once it has been well above 0; until then it is a little
-lower, so that a contact that has just been let go, with no velocity and perhaps no acceleration, is
-not caught again by a rounding error. A switch that has just fired and whose guard goes on rising
-has no level at all.
+onset lasts while it moves ahead, until it is fast enough and its error matters. An event is a fall
+below the level of the function. The level is 0 once the function has been well above 0; until then
+it is a little lower, so that rounding does not stop a contact that has just been released with no
+velocity and perhaps no acceleration. A switch that has just fired has no level while its guard
+rises.
 """
 
 from __future__ import annotations
@@ -29,38 +29,38 @@ from wormopt.simulation.steps import GivenUp, Step, Stepper, floor_of_step
 
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
 
-# Share of its rate before the event below which a guard stays as it is.
+# A guard whose rate is below this share of the rate before the event is constant.
 FALLS = 1e-9
 # Share of the whole time from which a step at velocity 0, but for rounding, is no mere touch.
 _AT_REST = 1e-3
 
 
 class Crossing(NamedTuple):
-    """Where an event function falls through its level."""
+    """An event function falls through its level."""
 
-    which: int  # event function; switches count on from the contacts
+    which: int  # event function; indices of switches follow those of contacts
     theta: float  # fraction of the step
     level: float
 
 
 class Near(NamedTuple):
-    """What counts as 0 where a switch has been found that must be crossed, per switch."""
+    """Tolerances of zero guards, per switch, at the event of a switch that must be crossed."""
 
     size: np.ndarray  # of guards; negative for switches that need not be crossed
     rate: np.ndarray  # of guards, their time derivatives before
 
 
 class Located(NamedTuple):
-    """Way to an event."""
+    """Step to an event."""
 
-    step: Step | None  # that leads there; None if it is at the start already
-    arrived: bool  # whether it leads all the way
+    step: Step | None  # None if the event is at the start already
+    arrived: bool  # whether it ends at the event
 
 
 class Watch:
     """The event functions of a motion.
 
-    `p` and `modes` are rewritten by their owners.
+    Their owners rewrite `p` and `modes`.
     """
 
     def __init__(
@@ -73,17 +73,17 @@ class Watch:
         system, shared = task.system, (("p", p), ("s", modes))
         self._task, self._modes, self._sharing = task, modes, sharing
         self._n_x = len(task.x0)
-        self.grazes = False  # whether the crossing found last all but does not cross
-        self.touched: list[tuple[int, float]] = []  # what all but crossed in the last step, where
+        self.grazes = False  # whether the last crossing found is hardly one
+        self.touched: list[tuple[int, float]] = []  # near crossings of the last step
         self.n_contacts = len(system.contacts) if system.exact else 0
         self.n = self.n_contacts + len(system.model.switches)
         self._levels = np.zeros(self.n)
         self._prescribed = list(system.prescribed) if system.exact else []
-        # a switch that has fired has level 0 again once its guard has fallen by more than this
+        # a fired switch has level 0 again once its guard has fallen by more than this
         self._passed = np.zeros(len(system.model.switches))
-        # switches that are crossed, and last fired because their guards jumped
+        # crossed switches that last fired because their guards jumped
         self._jumped = np.zeros(len(system.model.switches), dtype=bool)
-        self._fired = np.full(len(system.model.switches), -np.inf)  # when each last did
+        self._fired = np.full(len(system.model.switches), -np.inf)  # times they last fired
         if self.n:
             reach = ("reach", task.reach[:, : self.n_contacts].ravel())
             value, within, scan, rates = (Call(f, *shared, reach) for f in _event_functions(system))
@@ -96,19 +96,18 @@ class Watch:
         return float(self._all(t, x)[which])
 
     def _all(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Values of all event functions."""
         (values,) = self._values(t, x)
         return self._shared(values, t, x)
 
     def _shared(self, values: np.ndarray, t: float, x: np.ndarray) -> np.ndarray:
-        """Distance from what holds, for contacts whose forces are open, of the best split."""
+        """Distance of the best split from the holding forces, if forces are undetermined."""
         if self._sharing and self._sharing.active:
             for split in self._sharing.look(t, x):
                 values[split.contacts] = 1 - split.share
         return values
 
     def _rows(self, step: Step) -> np.ndarray:
-        """Of a step's polynomial what the states need."""
+        """Rows of a step's polynomial for the states that matter."""
         return step.rows[:, : self._n_x].ravel()
 
     def _within(self, which: int, step: Step, theta: float) -> float:
@@ -118,25 +117,25 @@ class Watch:
         return float(values[which])
 
     def _small(self) -> np.ndarray:
-        """Sizes below which the event functions are nothing but rounding."""
+        """Sizes below which the event functions are rounding."""
         v_rest, f_rest = self._task.v_rest, self._task.f_rest
         slides = self._modes[: self.n_contacts] != 0
         rest = np.where(slides, v_rest, f_rest) if self.n_contacts else np.zeros(0)
-        if self._sharing and self._sharing.active:  # a split is known less exactly than a force
+        if self._sharing and self._sharing.active:  # a split is less exact than a force
             rest = np.maximum(rest, np.where(slides, 0.0, SHARE_REST))
         return np.concatenate([rest, self._passed])
 
     # -- levels ----------------------------------------------------------------------------
 
     def start(self, t: float, x: np.ndarray) -> None:
-        """Set the levels with which a motion begins: those of guards above 0 are out of reach."""
+        """Set the initial levels; those of guards above 0 are infinitely low."""
         if self.n:
             self._levels = -self._small()
             guards = self._all(t, x)[self.n_contacts :]
             self._levels[self.n_contacts :] = np.where(guards < 0, -np.inf, 0.0)
 
     def raise_levels(self, t: float, x: np.ndarray) -> None:
-        """Raise the levels of what is well above 0."""
+        """Raise levels of functions well above 0."""
         if self.n:
             self._levels[self._all(t, x) > self._small()] = 0.0
 
@@ -149,11 +148,11 @@ class Watch:
             self._levels[i] = min(-small[i], 2 * velocities[i] if slides else 0.0)
 
     def error_of(self, k: int, t: float, x: np.ndarray, h: float) -> tuple[float, float]:
-        """How exactly the event of switch `k` has been found.
+        """Accuracy of the event of switch `k`.
 
-        Gives how far from 0 its guard may be by rounding, and the guard's time derivative. Raises
-        GivenUp if it falls, and fires again by rounding: a ball on its way up from a floor that
-        lies between two numbers. The step of length `h` was to go much further.
+        Returns the rounding error of its guard, and the guard's time derivative. Raises GivenUp if
+        the guard falls and the switch fires again by rounding: a ball on its way up from a floor
+        that lies between two numbers. The step of length `h` was to go much further.
         """
         rate = self._rate(k, t, x)
         crosses = self._task.system.model.switches[k].crosses
@@ -165,7 +164,7 @@ class Watch:
     def fires_in_vain(self, k: int, t: float, crossing: Crossing) -> bool:
         """Whether a switch has fired and not been above 0 since.
 
-        One that is crossed may have been 0 for a while, and its guard may have jumped.
+        A crossed switch may have been 0 for a while, and its guard may have jumped.
         """
         if self._task.system.model.switches[k].crosses:
             return not self._jumped[k] and t - self._fired[k] <= floor_of_step(self._task, t)
@@ -184,8 +183,8 @@ class Watch:
     ) -> None:
         """Lower the level of a switch that has fired.
 
-        It may fire again at once if its guard falls now, be it from a rounding error above 0
-        (bouncing ball), else once it was below 0 by more than `error` (0 where it jumped).
+        It may fire again at once if its guard falls now, even from a rounding error above 0
+        (bouncing ball); else once it was below 0 by more than `error` (0 if it jumped).
         """
         which, residual, rate = self.n_contacts + k, *error
         value, now = self.value(which, t, x), self._rate(k, t, x)
@@ -201,7 +200,7 @@ class Watch:
     def near(
         self, k: int, error: tuple[float, float], rates: np.ndarray, t: float, x: np.ndarray
     ) -> Near:
-        """How near to 0 all guards are 0, for switch `k` has been found with an `error`.
+        """Tolerances of zero guards, when switch `k` has been found with an `error`.
 
         `rates`: sizes of the guards' time derivatives before it fired.
         """
@@ -224,9 +223,9 @@ class Watch:
         return np.flatnonzero((near.size >= 0) & (values[self.n_contacts :] < least))
 
     def returns(self, t: float, x: np.ndarray, near: Near, leaves: float) -> np.ndarray:
-        """Whether the motion is led back to the guard of each switch, or is beyond it.
+        """Whether the motion leads back to the guard of each switch, or is beyond it.
 
-        `leaves`: at what share of its rate before the event a guard falls.
+        `leaves`: share of its rate before the event at which a guard falls.
         """
         rises = self.rates(t, x) > -leaves * near.rate
         rises[np.setdiff1d(np.arange(len(rises)), self.at_guard(t, x, near))] = False
@@ -249,7 +248,7 @@ class Watch:
     # -- location --------------------------------------------------------------------------
 
     def find(self, step: Step) -> Crossing | None:
-        """First event of an attempted step; without any, raises levels of what was well above 0.
+        """First event of an attempted step; without any, raises levels of functions well above 0.
 
         Raises GivenUp if an event function is not a number.
         """
@@ -276,7 +275,7 @@ class Watch:
         return None
 
     def _check_moves(self, step: Step, values: np.ndarray) -> None:
-        """Give up where a prescribed velocity is 0 for a while: its contact's force is open."""
+        """Give up if a prescribed velocity stays 0: the force of its contact is undetermined."""
         long = step.h > _AT_REST * (self._task.span[1] - self._task.span[0])
         for i in self._prescribed:
             largest = np.abs(values[:, i]).max()
@@ -284,7 +283,6 @@ class Watch:
                 raise GivenUp("open_force")
 
     def _first(self, j: int, step: Step, value: np.ndarray, small: float) -> Crossing | None:
-        """First crossing of one event function."""
         level = float(self._levels[j])
 
         def above(theta: float) -> float:
@@ -307,7 +305,7 @@ class Watch:
         return None
 
     def _since(self, step: Step, crossing: Crossing) -> Crossing:
-        """Crossing of 0 by a switch that has fired and been above 0 since, between samples."""
+        """Crossing of 0 by a fired switch that has been above 0 since, between samples."""
         j, theta, level = crossing
         if j < self.n_contacts or level == 0:
             return crossing
@@ -319,7 +317,7 @@ class Watch:
         return crossing
 
     def _grazes(self, step: Step, crossing: Crossing, value: np.ndarray) -> bool:
-        """Whether a function would fall next to nothing below 0, and rise again in the step."""
+        """Whether a function would fall only negligibly below 0, and rise again in the step."""
         after = value[:-1][_SAMPLES[:-1] > crossing.theta]
         if not self._task.k or not (np.any(after < value[-1]) or value[-1] > 0):
             return False
@@ -328,7 +326,7 @@ class Watch:
         return bool(low.fun >= -self._next_to_nothing(crossing.which, np.abs(value).max()))
 
     def _next_to_nothing(self, j: int, around: float) -> float:
-        """Value of an event function that errors of the motion may bridge; `around` are others."""
+        """Value of an event function within errors of the motion; `around` are others."""
         if j < self.n_contacts:
             held = self._task.f_rest[j] / F_REST
             around = self._task.system.contacts[j].nominal_speed if self._modes[j] else held
@@ -336,7 +334,7 @@ class Watch:
 
     @staticmethod
     def _dips(value: np.ndarray) -> bool:
-        """Whether three samples leave room for a zero between them."""
+        """Whether there may be a zero between three samples."""
         a, b, c = value
         return bool(b < a and b <= c and b < 4 * (max(a, c) - b))
 
@@ -349,8 +347,8 @@ class Watch:
     def locate(self, step: Step, crossing: Crossing, stepper: Stepper) -> Located:
         """Step to an event found by `find`.
 
-        The step itself is taken and corrected by Newton's method: the polynomial is of lower
-        order than the steps.
+        The step itself is taken and corrected by Newton's method, since the order of the polynomial
+        is lower than that of the steps.
         """
         which, length = crossing.which, crossing.theta * step.h
         if length <= floor_of_step(self._task, step.t):
@@ -375,7 +373,7 @@ class Watch:
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:
-    """Where a function falls through 0; an end where rounding has it there already."""
+    """Fall of a function through 0; an end if rounding has it there already."""
     if function(a) <= 0:
         return float(a)
     if function(b) >= 0:

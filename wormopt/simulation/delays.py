@@ -1,9 +1,9 @@
-"""Delay equations by the method of steps: stretch by stretch, each no longer than the least lag.
+"""Delay equations by the method of steps: in stretches no longer than the least lag.
 
 On a stretch the past is known, and the model is one with schedules: any integrator with dense
-output takes it as it is, contacts and switches included. Where a derivative jumps (an event, a
-break of a schedule, the start) the solution jumps in a higher derivative one lag later, and so on:
-these breaking points bound the pieces of what is remembered, so that no step goes over one.
+output can integrate it, contacts and switches included. A jump of a derivative (an event, a break
+of a schedule, the start) causes a jump of a higher derivative one lag later, and so on. These
+breaking points bound the pieces of the memory, so that no step passes one.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ from wormopt.simulation.routes import integrate
 from wormopt.simulation.steps import Kept
 from wormopt.simulation.trajectory import Dense
 
-# Errors of what is remembered against the size of what it is made of: a share of the relative
-# tolerance, but not less than rounding.
+# Relative error of the memory: a share of the relative tolerance, but not less than rounding.
 _SHARE, _LEAST = 0.01, 1e-14
 _REPORTS = 200  # a run
 
@@ -40,9 +39,9 @@ def integrate_delayed(
 ) -> tuple[InitialValueProblem, Outcome]:
     """Integrate a task whose model has delays.
 
-    Gives it back with the schedules of all that was remembered, by which signals of the past can
-    be observed. Raises ArgumentError if the route keeps no polynomials of its steps, a lag is not
-    positive, or derivatives are asked for.
+    Returns it with the schedules of all past signals, by which these can be observed. Raises
+    ArgumentError if the route keeps no polynomials of its steps, a lag is not positive, or
+    derivatives are requested.
     """
     if route == "cvodes" or task.system.model.alg.numel():
         raise ArgumentError(
@@ -65,14 +64,14 @@ def integrate_delayed(
 
 
 class _Past:
-    """What is remembered of one signal."""
+    """Memory of one signal."""
 
     def __init__(self, task: InitialValueProblem, memory: Memory) -> None:
         self.memory, self._task = memory, task
         self.lag = _lag(task, memory)
         signal, x = memory.delay.signal, pack(task.system.model.x)
         self._signal = _function(task.system, memory, signal)
-        # e = y - y_ref may be 0, but no more exactly than steps know y
+        # e = y - y_ref may be 0, but only as exactly as steps know y
         least = task.absolute[: x.numel()] / task.tolerance.relative
         parts = ca.fabs(ca.jacobian(signal, x)) @ (ca.fabs(x) + least) + ca.fabs(signal)
         self._parts = _function(task.system, memory, parts)
@@ -93,14 +92,14 @@ class _Past:
             allowed = self._allowed(np.array([start]), lambda t: x0 + 0 * t)
             return fitted(course, begin, start, np.zeros(0), allowed, 0, GENERATIONS)
         knots = self._instants(before, begin, start)
-        # The signal after the start, which may be 0 there, says nothing of the size before it.
+        # The signal after the start, which may be 0 there, gives no size of the signal before it.
         edges = np.union1d(np.linspace(begin, start, 33), knots)
         seen = course(np.concatenate([edges, (edges[:-1] + edges[1:]) / 2]))
         allowed = self._share * float(np.abs(seen).max())
         return fitted(course, begin, start, knots, allowed, 0, GENERATIONS)
 
     def _instants(self, before: ca.SX, begin: float, end: float) -> np.ndarray:
-        """Times at which what was before the start jumps, or between which it is narrow."""
+        """Times at which the history before the start jumps, or between which it is narrow."""
         task, model = self._task, self._task.system.model
         course = Model(
             model.name,
@@ -136,12 +135,12 @@ class _Past:
 
     @property
     def _share(self) -> float:
-        """How much of its size a signal may be off."""
+        """Relative error allowed for a signal."""
         return max(_SHARE * self._task.tolerance.relative, _LEAST)
 
     def schedule(self, begin: float, end: float) -> Schedule:
-        """The signal as it acts from `begin` to `end`."""
-        # a piece that only rounding lets reach into this stretch is left out
+        """The delayed signal from `begin` to `end`."""
+        # omit a piece that reaches into this stretch only by rounding
         least = 1e-9 * (end - begin)
         acts = [
             piece
@@ -151,19 +150,19 @@ class _Past:
         return self.memory.schedule(acts, self.lag)
 
     def all(self) -> Schedule:
-        """The signal as it acted at any time."""
+        """The delayed signal at all times."""
         return self.memory.schedule(self.pieces, self.lag)
 
     def breaking(self, begin: float, end: float) -> list[tuple[float, int]]:
-        """When jumps of derivatives come back in a stretch, with how often they have."""
+        """Times at which jumps of derivatives return in a stretch, with how many returns."""
         count = _recent(self.pieces, begin - self.lag)
         found = [(piece.begin + self.lag, piece.generation + 1) for piece in self.pieces[-count:]]
         return [(t, g) for t, g in found if begin <= t < end and g < GENERATIONS]
 
     def remember(self, dense: Dense, breaking: Sequence[tuple[float, int]]) -> None:
-        """Keep the signal along a stretch, whose breaking points are given in order of time."""
+        """Store the signal along a stretch with ascending breaking points."""
         if dense.time[0] + self.lag >= self._task.span[1]:
-            return  # it does not come back before the end
+            return  # it does not return before the end
 
         def course(t: np.ndarray) -> np.ndarray:
             return self._values(self._signal, t, dense(t))
@@ -175,7 +174,7 @@ class _Past:
 
 
 def _recent(pieces: Sequence[Piece], since: float) -> int:
-    """How many pieces at the end of a list end after a time."""
+    """Number of last pieces in a list that end after a time."""
     count = 0
     for piece in reversed(pieces):
         if piece.end <= since:
@@ -217,13 +216,13 @@ class _Stretches:
     route: Route
     pasts: list[_Past]
     found: list[Outcome] = field(default_factory=list)
-    _steps: int = 0  # spent on all stretches but the last
+    _steps: int = 0  # of all stretches but the last
 
     def __post_init__(self) -> None:
         self._kept = Kept(self.task.keep)
 
     def follow(self, report: Report) -> tuple[InitialValueProblem, Outcome]:
-        """Go to the end, or as far as it goes."""
+        """Advance to the end, or as far as possible."""
         status = "done"
         try:
             self._follow(report)
@@ -240,7 +239,7 @@ class _Stretches:
         (begin, end), x = self.task.span, self.task.x0
         step = min(past.lag for past in self.pasts)
         count = max(math.ceil((end - begin) / step * (1 - 1e-12)), 1)
-        # multiples of the lag, not a running sum of it, which would gather rounding errors
+        # multiples of the lag: a running sum would accumulate rounding errors
         ends = [*(begin + k * step for k in range(1, count)), end]
         for k, until in enumerate(ends):
             if k % max(count // _REPORTS, 1) == 0:
@@ -284,18 +283,18 @@ class _Stretches:
         return integrate(part, self.route, _quiet)
 
     def _shortened(self, outcome: Outcome) -> Outcome:
-        """A stretch without what is not asked for, or kept for all of them."""
+        """A stretch without parts that are not requested, or kept for all stretches."""
         outcome = replace(outcome, kept=outcome.kept[:0])
         if self.task.dense:
             return outcome
         return replace(outcome, dense_time=np.zeros(0), dense=outcome.dense[:0])
 
     def _breaking(self, begin: float, end: float) -> list[tuple[float, int]]:
-        """Where derivatives jump on a stretch, in order of time, from its begin on."""
+        """Jumps of derivatives on a stretch, in order of time, from its beginning on."""
         least = 1e-9 * (end - begin)
         jumps = {begin: 0 if begin == self.task.span[0] else GENERATIONS}
         points = [point for past in self.pasts for point in past.breaking(begin - least, end)]
-        # an event at the end of the stretch before counts for this one
+        # an event at the end of the stretch before belongs to this one
         points += [(float(t), 0) for part in self.found[-2:] for t in part.events[:, 0]]
         for schedule in self.task.schedules:
             t = schedule.next_break(begin - least)
@@ -311,7 +310,6 @@ class _Stretches:
         return sorted(jumps.items())
 
     def _joined(self) -> Outcome:
-        """All stretches as one."""
         parts, last = self.found, self.found[-1]
         modes = np.concatenate([part.modes for part in parts])
         if len(modes):
@@ -337,4 +335,4 @@ class _Stretches:
 
 
 def _quiet(_text: str, _fraction: float | None) -> None:
-    """Stretches tell nothing of their own."""
+    """Report no progress of a single stretch."""

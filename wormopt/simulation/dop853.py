@@ -1,13 +1,12 @@
 """Explicit steps of order 8 in Python.
 
-A step is one CasADi function of all its stages: what Python does besides costs no more than they.
-Step control is the compiled driver's.
-
-DOP853 takes the difference of its formula of order 5 as small where the error is small. Where a
-step ends in a steep layer that difference changes its sign as the step grows: for lengths about
-there it is next to nothing, whatever the error. So it counts as no less than that of a formula of
-order 6, which is the sixth divided difference of the slopes at seven nodes, and vanishes elsewhere.
-In smooth motion that is the smaller one.
+A step is one CasADi function of all its stages, which takes most of the time. Step control is that
+of the compiled driver.
+DOP853 takes the difference of its formula of order 5 as small where the error is small. If a step
+ends in a steep layer, that difference changes its sign with the length of the step and is nearly
+0 around some length, whatever the error. So it is bounded from below by that of a formula of
+order 6, the sixth divided difference of the slopes at seven nodes, which vanishes elsewhere. In
+smooth motion the latter is smaller.
 """
 
 from __future__ import annotations
@@ -22,11 +21,10 @@ from wormopt.simulation.call import Call
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem
 from wormopt.simulation.steps import GivenUp, Step, floor_of_step
 
-# Steps are given up where so many more would be needed for stability alone: some seconds.
+# Steps are given up if stability alone would need this many more: some seconds.
 _STIFF_STEPS = 50_000
 _TINY = float(np.finfo(float).tiny)
-# Stages of DOP853 whose slopes are right to order 6 against one another, and what counts of their
-# divided difference.
+# Stages of DOP853 whose slopes agree to order 6, and weight of their divided difference.
 _NODES, _SHARE = [0, 5, 6, 7, 8, 9, 10], 1e-4
 
 
@@ -45,7 +43,7 @@ class Explicit:
     """Steps of DOP853.
 
     Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.10.
-    Whoever rewrites the parameters `p` or the modes must call `restart`.
+    Call `restart` after rewriting the parameters `p` or the modes.
     """
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
@@ -64,7 +62,7 @@ class Explicit:
         return self._rhs(t, x)[0].copy()
 
     def restart(self, t: float, x: np.ndarray) -> None:
-        """Go on from another state, or with other parameters or modes."""
+        """Continue from another state, or with other parameters or modes."""
         self._t, self._x, self._dx = t, x, self._derivative(t, x)
         if self.h == 0.0 and (status := self._task.broken(x, self._dx)):
             raise GivenUp(status)
@@ -95,15 +93,15 @@ class Explicit:
             status = status or ("not_finite" if bad else "")
             self._reject(h, 0.1 if bad else max(factor, 0.1), status)
             return None
-        # a step that was cut short says nothing against the length that was wanted
+        # a shortened step gives no evidence against the intended length
         self._next = max(h * min(max(factor, 1 / 3), 6.0), self.h if h < self.h else 0.0)
         self._last_slope = stages[-len(x_new) :]
         return self._closed(h, stop if last else self._t + h, x_new, stages)
 
     def _columns_error(self, x_new: np.ndarray, stages: np.ndarray, h: float) -> float:
-        """Error of the step in S: the worst column counts.
+        """Error of the step in S, that of the worst column.
 
-        Sizes of columns are their own, in units of the nominal sizes of states, or their floor.
+        The size of a column is its own, in units of nominal sizes of states, or its floor.
         """
         task, n_x, k = self._task, len(self._task.x0), self._task.k
         x, end = (part[n_x:].reshape(-1, k) for part in (self._x, x_new))
@@ -114,7 +112,7 @@ class Explicit:
         scale = SLACK * task.tolerance.relative * own + _TINY
         sums = [np.sum(((e @ slopes).reshape(-1, k) / scale) ** 2, axis=0) for e in EMBEDDED]
         errors = np.array([_norm(column, h, len(x)) for column in np.array(sums).T])
-        lost = ~np.isfinite(x).all(axis=0)  # behind an event that has no derivative
+        lost = ~np.isfinite(x).all(axis=0)  # after an event without derivative
         return float(np.where(lost, 0.0, errors).max())
 
     def _stages(self, t: float, x: np.ndarray, h: float, dx: np.ndarray) -> list[np.ndarray]:
@@ -146,14 +144,14 @@ class Explicit:
         self._reject(step.h, factor)
 
     def redo(self, step: Step, length: float) -> Step:
-        """Take only the first `length` of the step just attempted, which was too long."""
+        """Keep only the first `length` of the step just attempted, which was too long."""
         x_new, stages, _, _ = self._stages(step.t, step.x, length, step.dx)
         return self._closed(length, min(step.t + length, step.end), x_new, stages)
 
     def accept(self, step: Step) -> None:
-        """Go on from the end of the step just attempted.
+        """Continue from the end of the step just attempted.
 
-        Raises GivenUp if the motion is too stiff to go on.
+        Raises GivenUp if the motion is too stiff.
         """
         self.h = self._next
         self._t, self._x, self._dx = step.end, step.x_new, step.dx_new
@@ -170,10 +168,10 @@ class Explicit:
         scale = task.absolute + task.tolerance.relative * np.abs(x[:n])
         size, slope = np.sum((x[:n] / scale) ** 2), np.sum((dx[:n] / scale) ** 2)
         h = 1e-6 if size <= 1e-10 or slope <= 1e-10 else 0.01 * np.sqrt(size / slope)
-        # a state that is all but 0 and moves says nothing of times
+        # a moving state near 0 gives no time scale
         left = task.span[1] - t
         h = min(max(h, 1e-9 * left), left)
-        # beyond a break the formulas of this piece say nothing, polynomials of a short one least
+        # beyond a break formulas of this piece are invalid, polynomials of a short one most of all
         probe = min(h, stop - t)
         change = (self._derivative(t + probe, x + probe * dx) - dx)[:n] / scale
         largest = max(np.sqrt(np.sum(change**2)) / probe, np.sqrt(slope))
@@ -196,7 +194,7 @@ def _norm(sums: np.ndarray, h: float, n: int) -> float:
 
 
 class _StiffnessWatch:
-    """Whether stability and not accuracy has held the last steps short (Hairer's test)."""
+    """Whether stability and not accuracy has limited the last steps (Hairer's test)."""
 
     def __init__(self) -> None:
         self._unseen, self._hints, self._denials = 0, 0, 0

@@ -1,4 +1,4 @@
-"""Many motions of one model that differ in numbers: compiled once, run on all cores."""
+"""Many motions of one model with different numbers: compiled once, run on all cores."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from wormopt.simulation.simulate import (
 )
 from wormopt.simulation.trajectory import Trajectory
 
-_LANES = 8  # members from which on several go side by side
+_LANES = 8  # number of members from which several are integrated side by side
 Found = tuple[Trajectory, str]
 
 
@@ -95,8 +95,8 @@ class Ensemble:
 
     def __repr__(self) -> str:
         given_up = sum(code != "" for code in self.codes)
-        told = f"Ensemble of {len(self.codes)} motions, {given_up} of them not to the end"
-        return lines(told, repr(self.motions[0]).partition("\n")[0] if self.motions else "")
+        summary = f"Ensemble of {len(self.codes)} motions, {given_up} of them not to the end"
+        return lines(summary, repr(self.motions[0]).partition("\n")[0] if self.motions else "")
 
     @property
     def end(self) -> np.ndarray:
@@ -221,11 +221,11 @@ def simulate_ensemble(
                 found += _together(pool, members, task, one, stop_if)
             else:
                 found.append(pool.submit(one, members[0]))
-                found[0].result()  # compiles, once
+                found[0].result()  # compiles once
                 found += [pool.submit(one, member) for member in members[1:]]
             in_vain = _wait(found, stopped, give_up_after, report)
         except BaseException as error:
-            stopped.set()  # members under way end soon, those that wait at once
+            stopped.set()  # running members end soon, waiting ones at once
             if not isinstance(error, KeyboardInterrupt) or len(found) < len(members):
                 raise
     motions, codes = zip(*(future.result() for future in found), strict=True)
@@ -241,7 +241,7 @@ def simulate_ensemble(
 def _wait(
     found: Sequence[Future[Found]], stopped: Event, give_up_after: int | None, report: Report
 ) -> bool:
-    """Wait for all members, or until the first have spent all their steps; whether they have."""
+    """Wait for all members, or until the first have used all their steps; return whether so."""
     spent = 0
     for number, future in enumerate(found, start=1):
         spent += future.result()[1] == "too_many_steps"
@@ -262,11 +262,11 @@ def _one(
     **shared: Any,
 ) -> Found:
     own: dict[str, Any] = {"x0": member.x0, "p": member.p, "schedules": member.schedules}
-    return _told(partial(simulate, model, span, route=route, report=report, **own, **shared))
+    return _outcome_of(partial(simulate, model, span, route=route, report=report, **own, **shared))
 
 
-def _told(find: Callable[[], Trajectory]) -> Found:
-    """Motion and code, also of one that was given up."""
+def _outcome_of(find: Callable[[], Trajectory]) -> Found:
+    """Motion and code, also of a failed simulation."""
     try:
         return find(), ""
     except SolveError as error:
@@ -279,7 +279,7 @@ def _told(find: Callable[[], Trajectory]) -> Found:
 
 
 def _goes_together(model: Model, contact: Treatment, route: Route) -> bool:
-    """Whether members go side by side in vectors: where there is a compiler that makes them."""
+    """Whether members are integrated side by side in vectors: with a compiler that supports it."""
     if route not in ("auto", "native"):
         return False
     from wormopt.simulation.native.build import CompilerError
@@ -288,7 +288,7 @@ def _goes_together(model: Model, contact: Treatment, route: Route) -> bool:
     try:
         return takes(system_of(model, contact))
     except CompilerError:
-        return False  # members of their own say what is to be said
+        return False  # single members report the error
 
 
 def _task(
@@ -305,7 +305,7 @@ def _together(
     alone: Callable[[Scenario], Found],
     report: Report,
 ) -> list[Future[Found]]:
-    """Start all members, side by side in each thread; who needs other steps goes alone."""
+    """Start all members, side by side in each thread; those that need other steps run alone."""
     found: list[Future[Found]] = [Future() for _ in members]
     waiting = deque(zip(members, found, strict=True))
     for _ in range(-(-len(members) // _LANES)):
@@ -319,7 +319,7 @@ def _work(
     alone: Callable[[Scenario], Found],
     report: Report,
 ) -> None:
-    """Take members, side by side, until none waits."""
+    """Integrate waiting members, side by side."""
     from wormopt.simulation.native.herd import integrate
 
     taken: dict[InitialValueProblem, tuple[Scenario, Future[Found]]] = {}
@@ -328,7 +328,7 @@ def _work(
         while waiting:
             try:
                 member, future = waiting.popleft()
-            except IndexError:  # another thread was faster
+            except IndexError:  # another thread took it
                 return
             try:
                 made = task(member)
@@ -336,7 +336,7 @@ def _work(
             except (ArgumentError, SolveError) as error:
                 future.set_exception(error)
                 continue
-            if held is not None:  # it goes by a system of its own
+            if held is not None:  # it has its own system
                 future.set_result(alone(member))
                 continue
             taken[made] = member, future
@@ -349,7 +349,7 @@ def _work(
                 stiff.append(made)
                 continue
             _, future = taken.pop(made)
-            future.set_result(_told(partial(trajectory_of, made, outcome)))
+            future.set_result(_outcome_of(partial(trajectory_of, made, outcome)))
         for made in stiff:
             member, future = taken.pop(made)
             future.set_result(alone(member))

@@ -37,20 +37,20 @@ from wormopt.simulation.native.function import repeated
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.trajectory import Trajectory
 
-# Steps taken at once; the first number of steps is of so many strides or more.
+# Steps per stride; the first number of strides is at least so large.
 _STRIDE, _FIRST = 64, 32
-# Speeds below this share of what a step could change are rest, but for rounding.
+# Speeds below this share of the change that a step could make are rounding.
 _AT_REST = 1e-10
-# Sweeps over contacts that act on one another; after each so many, they end if nothing changes.
+# Sweeps over coupled contacts; after each so many, they end if nothing changes.
 _SWEEPS = (4, 8, 16, 32)
-# Ends are extrapolated where their changes fall with the power two, to so much; then such a share
-# of the last change counts as unknown, as extrapolations may agree by chance.
+# Ends are extrapolated if their changes decrease as powers of two, within this factor; then this
+# share of the last change is the uncertainty, since extrapolations may agree by chance.
 _LIKE_TWO, _CHANCE = 0.3, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """Where a motion ends, and how well that is known."""
+    """End of a motion, with its uncertainty."""
 
     end: np.ndarray  # (n_x,) extrapolated
     doubt: float  # about the largest error, over the states' size
@@ -64,7 +64,7 @@ def ending(
     most_steps: int = 4_000_000,
     report: Report = silent,
 ) -> Ending:
-    """Follow a motion again from its start to its end.
+    """Integrate a motion again from its start to its end.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def ending(
 
 
 def _distance(a: np.ndarray, b: np.ndarray, sizes: np.ndarray) -> float:
-    """Largest difference over the states' size; infinite where steps were too long to be stable."""
+    """Largest difference over the states' size; infinite if steps were too long to be stable."""
     if not np.all(np.isfinite([a, b])):
         return math.inf
     return float(np.max(np.abs(a - b) / np.maximum(sizes, np.abs(a))))
@@ -176,7 +176,7 @@ def _march(
 
 @lru_cache(maxsize=16)
 def _stride(model: Model) -> ca.Function:
-    """Many steps of one size: state, contact forces and time; then all that is given, and h."""
+    """Many steps of one size: of state, contact forces and time; then all inputs, and h."""
     x, n_x, forces = pack(model.x), model.n_x, model.forces
     given = [pack(model.p), pack(model.u)]
     given += [ca.vertcat(s.begin, s.symbol) for s in model.schedules]
@@ -242,7 +242,7 @@ def _settled(sweep: ca.Function) -> ca.Function:
 def _sweep(
     contacts: Sequence[Contact], start: ca.SX, begin: ca.SX, read: Sequence[ca.SX], h: ca.SX
 ) -> ca.SX:
-    """Mean forces over a step after one sweep over the contacts, of those of the sweep before.
+    """Mean forces over a step after one sweep over the contacts, from those of the sweep before.
 
     `begin`: mean forces over the step before. `read`: response of velocities to impulses;
     velocities before the step, about its middle, and after it if there were no forces; their rates
@@ -255,18 +255,18 @@ def _sweep(
         own = largest(response[rows, rows])
         left = free[rows] + h * (response[rows, :] @ force - own * force[rows])
         hold = -left / (h * own)
-        rest = (left - before[rows]) / (h * own)  # what would be left to hold at rest
+        rest = (left - before[rows]) / (h * own)  # force needed to rest for the rest of the step
         force[rows] = _mean(contact.law, hold, -rest, begin[rows] - rates[rows] / own, middle[rows])
         first = rows.stop
     return force
 
 
 def _mean(law: Any, hold: ca.SX, still: ca.SX, begin: ca.SX, middle: ca.SX) -> ca.SX:
-    """Mean force of a law over a step that `hold` would end, and `still` would spend, at rest.
+    """Mean force of a law over a step that `hold` would end at rest, and `still` spend at rest.
 
-    A contact that slides does so for the share of the step in which it comes to rest, or for all
-    of it; then it rests or slides as one at rest does. One at rest is held until what holds it,
-    which is `begin` as the step begins, is at its limit.
+    A sliding contact slides for the share of the step in which it comes to rest, or for all of it;
+    then it rests or slides as one at rest does. A resting contact holds until its force,
+    initially `begin`, reaches its limit.
     """
     found = friction(law, hold, middle)
     if isinstance(law, PlanarLaw):
@@ -288,12 +288,12 @@ def _mean(law: Any, hold: ca.SX, still: ca.SX, begin: ca.SX, middle: ca.SX) -> c
 
 
 def _ratio(part: ca.SX, whole: ca.SX) -> ca.SX:
-    """Part over whole, a number in branches that are not taken too."""
+    """Ratio that is a number in branches not taken, too."""
     return part / (whole + (whole == 0))
 
 
 def _refuse(model: Model) -> None:
-    """Refuse what steps without events do not know."""
+    """Refuse models that steps without events cannot follow."""
     laws = [contact.law for contact in model.contacts]
     why = (
         "walls" if any(c.gap is not None for c in model.contacts)

@@ -27,13 +27,13 @@ from wormopt.simulation.least import RESTING, TURNING, Equations, determined, so
 from wormopt.simulation.memory import Memory, recalled
 from wormopt.simulation.options import Smooth, Treatment
 
-# States drawn in search of one where the model is a number; singular value against the largest
-# below which contacts count as redundant.
+# Random states in search of one with finite values; relative singular value below which contacts
+# are redundant.
 _DRAWS, _SINGULAR = 3, 1e-12
 
 
 def _zeros(column: ca.SX) -> np.ndarray:
-    """Which entries are 0 whatever their symbols are."""
+    """Which entries are 0 for all values of their symbols."""
     entries = ca.densify(column)
     drawn = ca.Function("entries", [ca.vertcat(*ca.symvar(entries))], [entries])
     random = np.random.default_rng(0)
@@ -47,10 +47,10 @@ def _zeros(column: ca.SX) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """The functions that an integrator of a Model needs."""
+    """The functions that integrate a Model."""
 
     model: Model
-    treatment: Treatment  # of contacts; those that never rest are plain forces in either
+    treatment: Treatment  # of contacts; those that never rest are plain forces in both treatments
 
     def __post_init__(self) -> None:
         self.model.check_laws()
@@ -68,7 +68,7 @@ class System:
 
     @cached_property
     def exact(self) -> bool:
-        """Whether contact is decided by events."""
+        """Whether events decide contact."""
         return not isinstance(self.treatment, Smooth) and len(self.contacts) > 0
 
     @cached_property
@@ -82,15 +82,15 @@ class System:
 
     @cached_property
     def memories(self) -> tuple[Memory, ...]:
-        """What stands for the model's delays: schedules behind the model's own."""
+        """Schedules that replace the model's delays, after the model's own schedules."""
         return tuple(Memory(delay) for delay in self.model.delays)
 
     @cached_property
     def _pushes(self) -> ca.SX:
-        """States beside the model's: what resting contacts are pushed with, summed over time.
+        """States in addition to the model's: time integrals of forces on resting contacts.
 
-        They are there where time itself pushes. While everything rests nothing else would tell
-        the control of the steps that forces change.
+        They exist if the forces depend on time. While everything rests, step control would not
+        otherwise see that forces change.
         """
         driven = self.exact and ca.depends_on(self._free_acceleration, self.model.t)
         return ca.SX.sym("push", len(self.row_contact) if driven else 0)  # type: ignore[no-any-return]
@@ -114,7 +114,7 @@ class System:
 
     @cached_property
     def _grips(self) -> Grips:
-        # smooth forces know no modes
+        # smooth forces have no modes
         modes = self._modes if self.exact else ca.SX(self._n_modes, 1)
         return Grips.of(
             self.contacts,
@@ -137,7 +137,7 @@ class System:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the law of a contact leaves open, a line for each law."""
+        """Warnings about ambiguous laws of contacts, a line for each law."""
         open_ = [c.law for c in self.contacts if c.planar and not c.law.associated]
         names = dict.fromkeys(type(law).__name__ for law in open_)
         return tuple(
@@ -148,12 +148,12 @@ class System:
 
     @property
     def sliding(self) -> np.ndarray:
-        """Modes s of a motion of which nothing has been decided: new ones, to be rewritten."""
+        """Modes s before any decision: a new array, to be rewritten."""
         return np.repeat([1.0, 0.0], [len(self.contacts), ENTRIES * len(self.planar)])[: self.n_s]
 
     @cached_property
     def happening(self) -> list[str]:
-        """Names of what events happen to: contacts, then switches."""
+        """Names for events: contacts, then switches."""
         return [c.name for c in self.contacts] + [s.name for s in self.model.switches]
 
     @property
@@ -163,7 +163,7 @@ class System:
 
     @cached_property
     def n_fixed(self) -> int:
-        """Entries of p before those of the schedules."""
+        """Number of entries of p before those of the schedules."""
         return sum(s.size for s in (*self.model.p, *self.model.u)) + 1
 
     # -- contact forces --------------------------------------------------------------------
@@ -174,14 +174,14 @@ class System:
 
     @cached_property
     def _plain_forces(self) -> tuple[ca.SX, ca.SX]:
-        """Symbols of the forces of contacts that never rest, and what they are."""
+        """Symbols and expressions of the forces of contacts that never rest."""
         forces = [c.law.slip_force(c.velocity, 1) for c in self._plain]
         symbols = [c.force for c in self._plain]
         return ca.vertcat(ca.SX(0, 1), *symbols), ca.vertcat(ca.SX(0, 1), *forces)
 
     @cached_property
     def _free_ode(self) -> ca.SX:
-        """Ode with the plain forces put in."""
+        """Ode with the plain forces inserted."""
         model = self.model
         if any(c.gap is not None or c.normal_force is not None for c in model.contacts):
             raise ArgumentError(
@@ -193,7 +193,7 @@ class System:
 
     @cached_property
     def _free_acceleration(self) -> ca.SX:
-        """Accelerations of contacts with the plain forces put in."""
+        """Accelerations of contacts with the plain forces inserted."""
         velocity, model = self._velocity, self.model
         if ca.depends_on(ca.jacobian(model.ode, model.forces), model.forces):
             raise ArgumentError(f"the ode of {model.name} must be affine in the contact forces")
@@ -220,9 +220,9 @@ class System:
 
     @cached_property
     def prescribed(self) -> tuple[int, ...]:
-        """Contacts on lines whose velocity no contact force changes, on a driven belt for example.
+        """Contacts on lines whose velocity no contact force changes, such as on a driven belt.
 
-        In the plane the equations for forces that are left open hold for such contacts too.
+        In the plane the equations for undetermined forces include such contacts.
         Raises ArgumentError where one of them may not slide.
         """
         rows, columns = self.delassus.sparsity().get_triplet()
@@ -242,8 +242,8 @@ class System:
     def geared(self) -> tuple[int, ...]:
         """Contacts on lines whose response to their own force depends on time or place.
 
-        Where it is 0 so is their velocity, and yet no force stops them there: the foot of a leg
-        that turns moves along the ground by the cosine of its angle.
+        Where it is 0 so is their velocity, and yet no force stops them there: the foot of a turning
+        leg moves along the ground by the cosine of its angle.
         """
         t, x, _, _ = self.symbols
         response, changes = ca.diag(self.delassus), ca.vertcat(t, x)
@@ -260,7 +260,7 @@ class System:
             return self._grips.smooth(self._v_reg)
         if not self.coupled:
             return self._grips.alone(self.pulled, self.delassus)
-        # where loads are shared forces are solved for in loops, and stand here for themselves
+        # if loads are shared, loops solve for the forces, which are symbols here
         return self._force_symbols if self.shares else ca.solve(*self._equations)
 
     @cached_property
@@ -270,9 +270,9 @@ class System:
 
     @cached_property
     def shares(self) -> bool:
-        """Whether resting contacts may share what they hold: two on one rigid body do.
+        """Whether resting contacts may share a load, as two on one rigid body do.
 
-        How they do is open, see `wormopt.simulation.sharing`.
+        The split is undetermined, see `wormopt.simulation.sharing`.
         """
         if not self.coupled:
             return False
@@ -280,10 +280,10 @@ class System:
 
     @property
     def _redundant(self) -> bool:
-        """Whether contacts on lines have fewer freedoms than forces in every state.
+        """Whether contacts on lines have fewer degrees of freedom than forces in every state.
 
-        Forces without effect count only where they do no work either: contacts whose velocities
-        differ, by what is prescribed say, do not rest at once.
+        Forces without effect count only if they do no work either: contacts with different
+        velocities, such as prescribed ones, do not rest at once.
         """
         acted_on = np.delete(np.arange(len(self.contacts)), self.prescribed).tolist()
         matrix, velocity = self.delassus[acted_on, acted_on], self._velocity[acted_on]
@@ -304,12 +304,12 @@ class System:
 
     @cached_property
     def _solved(self) -> ca.SX:
-        """Where contacts share loads, what stands for their forces and for `_determined`."""
+        """If contacts share loads, symbols for their forces and for `_determined`."""
         return ca.vertcat(self._force_symbols, ca.SX.sym("determined"))
 
     @cached_property
     def _shared_forces(self) -> ca.Function:
-        """Forces where contacts share loads, and how well resting ones determine theirs."""
+        """Forces if contacts share loads, and how well resting ones determine theirs."""
         gives = self._grips.gives(RESTING, TURNING)
         equations = Equations(*self._equations, gives, self._grips.begun, self._size)
         return solver("forces", self.symbols, equations)
@@ -325,7 +325,7 @@ class System:
 
     @property
     def _determined(self) -> ca.SX:
-        """Determinant of what the forces of resting contacts follow from, against its rows."""
+        """Determinant of the equations for forces of resting contacts, relative to its rows."""
         if not self.coupled:
             return ca.SX(1)
         if self.shares:
@@ -345,7 +345,7 @@ class System:
             ode = ca.vertcat(ode, self._grips.rests * self.pulled)
         if self.coupled:
             return ode
-        # a velocity that is a state stays what it is while its contact rests, to the last bit
+        # a velocity that is a state remains exactly constant while its contact rests
         rows = np.flatnonzero(self.row_state >= 0)
         if not rows.size:
             return ode
@@ -376,14 +376,14 @@ class System:
     # -- functions -------------------------------------------------------------------------
 
     def function(self, name: str, result: ca.SX, *more: ca.SX) -> ca.Function:
-        """Function of t, x, p, s and more; contact forces may stand in the result."""
+        """Function of t, x, p, s and more; the result may contain contact forces."""
         names = ["t", "x", "p", "s", *(symbol[0].name().split("_")[0] for symbol in more)]
         return self._closed(name, [*self.symbols, *more], names, result)
 
     def _closed(
         self, name: str, symbols: list[ca.SX], names: list[str], result: ca.SX
     ) -> ca.Function:
-        """Put in forces that stand for themselves in the result."""
+        """Insert forces that are symbols in the result."""
         result = ca.densify(result)
         if not (self.exact and self.shares and ca.depends_on(result, self._solved)):
             return ca.Function(name, symbols, [result], names, [name])
@@ -401,29 +401,29 @@ class System:
 
     @cached_property
     def velocities(self) -> ca.Function:
-        """Velocities of the contacts that may rest, in the plane their speeds."""
+        """Velocities of the contacts that may rest; speeds in the plane."""
         speeds = [ca.norm_2(v) if v.numel() > 1 else v for v in (c.velocity for c in self.contacts)]
         return self.function("velocities", ca.vertcat(*speeds))
 
     @cached_property
     def probe(self) -> ca.Function:
-        """What decides modes.
+        """Values that decide modes.
 
-        Of the contacts that may rest velocities, accelerations, forces, least and largest force
-        that hold them; then how well resting ones determine their forces, 1 well, 0 not at all.
+        Velocities, accelerations, forces, least and largest holding force of the contacts that may
+        rest; then how well resting ones determine their forces, 1 well, 0 not at all.
         """
         acceleration = self._at_forces(self._free_acceleration, self.forces)
-        told = self._grips.tells(acceleration, self.forces, self.delassus)
-        return self.function("probe", ca.vertcat(told, self._determined))
+        values = self._grips.tells(acceleration, self.forces, self.delassus)
+        return self.function("probe", ca.vertcat(values, self._determined))
 
     @cached_property
     def aims(self) -> ca.Function:
-        """Of every contact in the plane, see `PlaneGrip.aims`."""
+        """`PlaneGrip.aims` of every contact in the plane."""
         return self.function("aims", self._grips.aims(self.forces))
 
     @cached_property
     def bends(self) -> ca.Function:
-        """Of every contact in the plane, see `PlaneGrip.bends`."""
+        """`PlaneGrip.bends` of every contact in the plane."""
         return self.function("bends", self._grips.bends)
 
     @cached_property
@@ -471,7 +471,7 @@ class System:
         return self.function("resets", self._put(ca.horzcat(*columns)))
 
     def _put(self, expression: ca.SX) -> ca.SX:
-        """Express what the model says by t, x, p and s alone."""
+        """Express the model's expressions by t, x, p and s alone."""
         plain, forces = self._plain_forces
         expression = recalled(expression, self.memories, self.model.t)
         old, new = ca.vertcat(plain, self._force_symbols), ca.vertcat(forces, self.forces)
@@ -480,7 +480,7 @@ class System:
     def observe(self, expression: ca.SX) -> ca.Function:
         """Function of (t, x, p, s) for an expression of the model's symbols and contact forces.
 
-        Its x is without what `n_pushes` counts.
+        Its x omits the states counted by `n_pushes`.
         """
         t, _, p, s = self.symbols
         symbols = [t, pack(self.model.x), p, s]
@@ -495,7 +495,7 @@ class System:
 
     @cached_property
     def functions(self) -> dict[str, ca.Function]:
-        """Those that this model and treatment need, by name."""
+        """The functions that this model and treatment need, by name."""
         names = ["rhs"]
         if self.exact:
             names += ["probe", "project"]
@@ -514,9 +514,9 @@ class System:
         return LawNumbers(self.model, self.symbols[2][: self.n_fixed - 1])
 
     def parameters(self, given: Mapping[str, object] | None) -> np.ndarray:
-        """Values of p from those given by name, else the model's own; 0 for what schedules set.
+        """Values of p: those given by name, else the model's own; 0 for scheduled entries.
 
-        Raises ArgumentError as `signal_values`, or if a friction law refuses its numbers.
+        Raises ArgumentError as `signal_values`, or if a friction law rejects its values.
         """
         signals = (*self.model.p, *(self._input(u) for u in self.model.u))
         fixed = signal_values(signals, given, "parameter or input")
@@ -535,7 +535,7 @@ class System:
     def scheduled(self, p: np.ndarray, schedules: Sequence[Schedule], t: np.ndarray) -> np.ndarray:
         """Parameters (n_p, m) with the values that schedules have at the times `t` (m,).
 
-        At a break the later piece counts.
+        At a break the later piece applies.
         """
         p, at = np.repeat(p[:, None], len(t), axis=1), self.n_fixed
         for schedule in schedules:

@@ -1,12 +1,12 @@
-"""What the force of contacts is in exact treatment, by their modes; a row for each component.
+"""Contact forces in exact treatment, by modes; a row for each component.
 
-Contacts on a line whose laws are alike are treated as one, in columns. A contact in the plane has
-four entries in s besides its mode: the direction of onset, half the rate at which it turns, and
-when that began. They are 0 but for a contact that has been let go: at velocity 0 the direction of
-slip is singular, and for long after it follows the forces so closely that explicit steps would be
-held short. So it moves along the given direction d first: it does not move across d, and its force
-lies on the tangent, at that of sliding along d, of the forces of sliding. This errs by the square
-of the angle that d lacks; it lasts until that counts.
+Contacts on a line with equal laws are treated together, in columns. A contact in the plane has
+four more entries in s: the direction of onset, half the rate at which it turns, and the time when
+it began. They are 0 except for a contact just released: at velocity 0 the direction of slip is
+singular, and for long after it follows the forces so closely that explicit steps would be short.
+So it moves along the given direction d first: it does not move across d, and its force lies on the
+tangent, at sliding along d, to the set of sliding forces. The error is quadratic in the angle
+between d and the slip; the onset ends when the error matters.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ENTRIES = 4
 
 
 def never_rests(contact: Contact) -> bool:
-    """Whether a contact is no more than a force that depends smoothly on velocity."""
+    """Whether a contact is only a force that depends smoothly on velocity."""
     law = contact.law
     if contact.planar:
         return False
@@ -38,12 +38,12 @@ def never_rests(contact: Contact) -> bool:
 
 
 def weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
-    """First or second, where the weight is 1 or 0."""
+    """First or second, for weight 1 or 0."""
     return weight * a + (1 - weight) * b
 
 
 class Grip(Protocol):
-    """One contact, or several that are alike, and their modes."""
+    """One contact, or several with equal laws, and their modes."""
 
     contacts: list[int]
     rows: list[int]
@@ -57,7 +57,7 @@ class Grip(Protocol):
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
         """Forces on contacts that act on no other.
 
-        Of accelerations without force, and acceleration by force of each component.
+        Arguments: accelerations without force, and acceleration by force of each component.
         """
         ...
 
@@ -69,7 +69,7 @@ class Grip(Protocol):
         ...
 
     def gives(self, rest: float, onset: float) -> ca.SX:
-        """Block on the diagonal by which they give way, at rest and in onset across their way."""
+        """Diagonal block of compliance, at rest and in onset across the direction."""
         ...
 
     @property
@@ -87,7 +87,7 @@ class Grip(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class LineGrip:
-    """Of contacts that move along lines by laws that are alike; columns, an entry for each."""
+    """Contacts on lines with equal laws; columns, an entry for each."""
 
     contacts: list[int]
     rows: list[int]
@@ -118,7 +118,7 @@ class LineGrip:
         """Forces on contacts that act on no other."""
         if self.prescribed:
             return self.slip
-        choose = ca.if_else if self.geared else weighted  # without a product by infinity
+        choose = ca.if_else if self.geared else weighted  # avoids multiplying by infinity
         return choose(self.mode**2, self.slip, -free / response)
 
     def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -130,12 +130,12 @@ class LineGrip:
         return matrix, weighted(slides, self.slip, -free)
 
     def gives(self, rest: float, onset: float) -> ca.SX:
-        """Block on the diagonal by which they give way at rest."""
+        """Diagonal block of compliance at rest."""
         return ca.diag(rest * self.rests)
 
     @property
     def begun(self) -> ca.SX:
-        """Nothing: they have no onset."""
+        """Zero: they have no onset."""
         return ca.SX.zeros(len(self.rows))  # type: ignore[no-any-return]
 
     def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
@@ -145,14 +145,14 @@ class LineGrip:
 
 @dataclass(frozen=True, eq=False)
 class PlaneGrip:
-    """Of a contact that moves in the plane: its mode is +1 or 0."""
+    """A contact in the plane: its mode is +1 or 0."""
 
     contacts: list[int]
     rows: list[int]
     contact: Contact
     law: PlanarLaw
     mode: ca.SX
-    onset: ca.SX  # direction when it began, half the rate at which it turns, when it began
+    onset: ca.SX  # initial direction, half the rate at which it turns, initial time
     t: ca.SX
 
     @cached_property
@@ -166,7 +166,7 @@ class PlaneGrip:
 
     @cached_property
     def _begins(self) -> ca.SX:
-        """1 or 0, and 1 only while it slides."""
+        """1 in onset, else 0, and 1 only while it slides."""
         return ca.logic_or(self.onset[0] != 0, self.onset[1] != 0)
 
     @cached_property
@@ -188,7 +188,7 @@ class PlaneGrip:
 
     @cached_property
     def _ahead(self) -> ca.SX:
-        """Where it moves; along the heading while it rests, when that does not matter."""
+        """Direction of motion; along the heading at rest, where it does not matter."""
         nowhere = ca.SX([1.0, 0.0])
         moving = ca.if_else(self.mode != 0, self.contact.velocity, nowhere)
         return ca.if_else(self._begins, self.direction, moving)
@@ -235,7 +235,7 @@ class PlaneGrip:
         return matrix, slides * self.slip + begins * begun - self.rests * free
 
     def gives(self, rest: float, onset: float) -> ca.SX:
-        """Block on the diagonal by which it gives way, at rest and in onset across its way."""
+        """Diagonal block of compliance, at rest and in onset across the direction."""
         turning = ca.vertcat(ca.SX(1, 2), self._across.T)
         return rest * self.rests[0] * ca.SX.eye(2) + onset * self._begins * turning
 
@@ -247,8 +247,8 @@ class PlaneGrip:
     def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.
 
-        Its speed, and its force in units of what holds; in onset its velocity along d, and its
-        error so far.
+        Its speed, and its force relative to the holding force; in onset its velocity along d, and
+        its error so far.
         """
         v, ahead = self.contact.velocity, self._ahead
         speed = ca.if_else(self._begins, ca.dot(self.direction, v), ca.norm_2(v))
@@ -257,9 +257,9 @@ class PlaneGrip:
         return speed, faster, -size, ca.SX(-1.0), ca.SX.inf()
 
     def _lacks(self, force: ca.SX, own: ca.SX) -> ca.SX:
-        """Error of onset so far: what its direction lacks shifts it aside, and its square slows it.
+        """Error of onset so far: the angle error shifts it sideways, and its square slows it.
 
-        In units of the nominal speed, and of the way in the time in which friction would stop that.
+        In units of the nominal speed, and of the distance in which friction would stop that.
         """
         friction = ca.norm_2(self.slip)
         nominal = self.contact.nominal_speed
@@ -269,7 +269,7 @@ class PlaneGrip:
 
     @property
     def bends(self) -> ca.SX:
-        """Where its force bends: velocity along the heading, and speed.
+        """Kink of its force: velocity along the heading, and speed.
 
         Both 0 where forward and backward resistance are the same.
         """
@@ -281,8 +281,8 @@ class PlaneGrip:
         return ca.dot(self._across, force - self.slip)
 
     def aims(self, force: ca.SX) -> ca.SX:
-        """Where slip begins under a force at rest; how far onset's force is from that of sliding.
+        """Direction in which slip begins from rest, and error of the force of onset.
 
-        The latter is 0 in the direction in which the contact accelerates.
+        The error is 0 in the direction in which the contact accelerates.
         """
         return ca.vertcat(self.law.slip_direction(force), self._off(force))

@@ -1,4 +1,4 @@
-"""All contacts that may rest, those that are alike as one grip; what they say row by row."""
+"""All contacts that may rest, those with equal laws as one grip; results row by row."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Grips:
     ) -> Grips:
         """Grips of contacts: their modes come first in s, then their onsets.
 
-        `prescribed`: those whose velocity no force changes; `geared`: or none in some places.
+        `prescribed`: those whose velocity no force changes; `geared`: those with none somewhere.
         """
         alike = defaultdict[Hashable, list[int]](list)
         for i, contact in enumerate(contacts):
@@ -87,7 +87,7 @@ class Grips:
         return self._by_rows(grip.smooth(v_reg) for grip in self.each)
 
     def slip(self, forces: ca.SX) -> ca.SX:
-        """Forces of contacts on a line while they slide; `forces` of the others."""
+        """Forces of sliding contacts on a line; `forces` of the others."""
         return self._by_rows(
             grip.slip if isinstance(grip, LineGrip) else forces[grip.rows] for grip in self.each
         )
@@ -104,7 +104,7 @@ class Grips:
         return self._by_rows(a for a, _ in pairs), self._by_rows(b for _, b in pairs)
 
     def gives(self, rest: float, onset: float) -> ca.SX:
-        """Matrix by which contacts give way, at rest and in onset across their way."""
+        """Compliance matrix, at rest and in onset across the direction."""
         rows = sum(len(grip.rows) for grip in self.each)
         found = ca.SX(rows, rows)
         for grip in self.each:
@@ -112,20 +112,20 @@ class Grips:
         return found
 
     def tells(self, acceleration: ca.SX, forces: ca.SX, delassus: ca.SX) -> ca.SX:
-        """What decides modes: five columns, see `Grip.tells`, one below the other."""
-        told = [
+        """Values that decide modes: five columns, see `Grip.tells`, one below the other."""
+        columns = [
             g.tells(acceleration[g.rows], forces[g.rows], delassus[g.rows, g.rows])
             for g in self.each
         ]
-        return ca.vertcat(*(self._by_contacts(column) for column in zip(*told, strict=True)))
+        return ca.vertcat(*(self._by_contacts(column) for column in zip(*columns, strict=True)))
 
     def aims(self, forces: ca.SX) -> ca.SX:
-        """Of every contact in the plane, see `PlaneGrip.aims`."""
+        """`PlaneGrip.aims` of every contact in the plane."""
         return ca.vertcat(*(grip.aims(forces[grip.rows]) for grip in self._planar))
 
     @property
     def bends(self) -> ca.SX:
-        """Of every contact in the plane, see `PlaneGrip.bends`."""
+        """`PlaneGrip.bends` of every contact in the plane."""
         return ca.vertcat(*(grip.bends for grip in self._planar))
 
 
@@ -135,7 +135,7 @@ def _sorted(parts: Iterable[ca.SX], places: list[int]) -> ca.SX:
 
 
 def _kind(law: Any) -> Hashable:
-    """What laws have in common that differ in nothing but scalar symbols."""
+    """Key of laws that differ in scalar symbols only."""
     if not is_dataclass(law):
         return id(law)
     values = fields_of(law) | dict.fromkeys(symbols_of(law), ca.SX)
@@ -146,10 +146,10 @@ def _kind(law: Any) -> Hashable:
 
 @dataclass(frozen=True, eq=False)
 class _Several:
-    """Laws that are alike as one Law of columns: what one of them says is said for each."""
+    """Equal laws as one Law of columns, which returns an entry for each law."""
 
     law: Law
-    symbols: ca.SX  # (k, 1) its numbers
+    symbols: ca.SX  # (k, 1) its values
     numbers: ca.SX  # (k, contacts) those of all
 
     @classmethod
@@ -187,14 +187,14 @@ class _Several:
         one, width = ca.SX.sym("v"), ca.SX.sym("v_reg")
         return self._each(self.law.smooth(one, width), (one, v), (width, v_reg))
 
-    def _each(self, said: Expression, *given: tuple[ca.SX, Expression]) -> ca.SX:
-        """Put in the numbers of each, and what is given for symbols: a column, or one for all.
+    def _each(self, expression: Expression, *given: tuple[ca.SX, Expression]) -> ca.SX:
+        """Insert the values of each, and arguments for symbols: a column, or one for all.
 
-        Other symbols, those of a law that is no dataclass say, are the same for all.
+        Other symbols, such as those of a law that is no dataclass, are the same for all.
         """
         count, symbols = self.numbers.size2(), [self.symbols, *(symbol for symbol, _ in given)]
-        others = ca.Function("law", symbols, [said], {"allow_free": True}).free_sx()
-        function = ca.Function("law", [*symbols, ca.vertcat(*others)], [said])
+        others = ca.Function("law", symbols, [expression], {"allow_free": True}).free_sx()
+        function = ca.Function("law", [*symbols, ca.vertcat(*others)], [expression])
         columns = [ca.SX(value) for _, value in given]
         rows = (ca.repmat(v, 1, count) if v.is_scalar() else v.T for v in columns)
         return function.map(count)(self.numbers, *rows, ca.repmat(ca.vertcat(*others), 1, count)).T

@@ -1,4 +1,4 @@
-"""Tasks whose conditions are held between the instants at which they change, and back."""
+"""Tasks with conditions held between the instants at which they change, and back."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _MISSED = (
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A task with conditions held, and the task it stands for."""
+    """A task with held conditions, and the original task."""
 
     task: InitialValueProblem
     asked: InitialValueProblem
-    complete: bool  # whether all that is narrow has been found
+    complete: bool  # whether all narrow functions have been found
 
     def outcome(self, found: Outcome) -> Outcome:
-        """What was found, in the terms of the task that was asked for."""
+        """The results, in terms of the original task."""
         n_x, k = self.asked.system.model.n_x, self.asked.k
         first = len(self.task.x0)
         columns = [*range(n_x), *range(first, first + n_x * k)]
@@ -63,7 +63,7 @@ class Held:
 
 
 def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
-    """Hold the conditions of a task; None where there are none, nor anything narrow.
+    """Hold the conditions of a task; None if there are none, nor narrow functions.
 
     `switches`: whether its integrator knows switches.
 
@@ -128,7 +128,7 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
 
 @lru_cache(maxsize=64)
 def _may_have(system: System) -> bool:
-    """Whether there may be conditions, by instructions that are read anyway to compile them."""
+    """Whether there may be conditions, from instructions that are read for compilation anyway."""
     if system.model.alg.numel() or system.model.delays:
         return True
     functions = [system.rhs, *([system.probe] if system.exact else [])]
@@ -144,7 +144,7 @@ def _system(found: Lifted, treatment: Treatment) -> System:
 
 
 def jumps_move(model: Model) -> bool:
-    """Whether the right-hand side of a model jumps at instants that its numbers move."""
+    """Whether the right-hand side of a model jumps at instants that its parameters move."""
     found = lifted(model, not model.alg.numel(), moving=False)
     if found is None:
         return False
@@ -164,7 +164,7 @@ def _moves(found: Lifted, along: Directions) -> bool:
 
 
 def _start(found: Lifted, model: Model, task: InitialValueProblem, first: np.ndarray) -> np.ndarray:
-    """What conditions of states say at the start, where those of time say `first`."""
+    """Values of conditions of states at the start, if those of time have the values `first`."""
     if not found.held:
         return np.zeros(0)
     inputs = found.timed.inputs
@@ -172,6 +172,6 @@ def _start(found: Lifted, model: Model, task: InitialValueProblem, first: np.nda
     says = ca.Function("says", [inputs, pack(model.x), held], [found.start])
     p = task.system.scheduled(task.p, task.schedules, np.array([task.span[0]]))[:, 0]
     fixed, rest = np.split(p, [task.system.n_fixed])
-    rest = rest[: inputs.numel() - len(fixed)]  # without v_reg, and time in its place
+    rest = rest[: inputs.numel() - len(fixed)]  # without v_reg, which time replaces
     given = np.concatenate([task.span[:1], fixed[:-1], rest])
     return np.array(says(given, task.x0[: model.n_x], first)).ravel()

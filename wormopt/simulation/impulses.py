@@ -1,10 +1,9 @@
-"""What walls and friction do within one step of fixed length: impulses in closed form.
+"""Effect of walls and friction within one step of fixed length: impulses in closed form.
 
-Over a step, walls that are touched at its middle give impulses by which nothing moves into them
-(restitution 0), and friction holds its contact or slides by the law's own numbers. If contacts do
-not act on one another, each impulse is a formula of the motion without contact. Where friction
-without a wall does, the impulses are those of projected over-relaxation, swept until a chain's
-are known to 1e-10.
+Over a step, walls touched at its middle give impulses by which nothing moves into them
+(restitution 0), and friction holds its contact or slides by its law. If contacts do not act on one
+another, each impulse is a formula of the motion without contact. Friction without a wall may do
+so: then projected over-relaxation is repeated until the impulses of a chain are accurate to 1e-10.
 
 Sources: as of `wormopt.simulation.moreau`; D. M. Young, Iterative Solution of Large Linear Systems
 (1971), 6.2 for the factor of relaxation.
@@ -26,13 +25,13 @@ from wormopt.model.model import Contact, Model, pack
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
 from wormopt.numerics.identically import identically_zero
 
-# So many sweeps for each contact of a chain: errors fall by 1 - 2 pi / (n + 1) in each.
+# Sweeps for each contact of a chain: errors decrease by 2 pi / (n + 1) in each.
 _SWEEPS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Impulses:
-    """How one step changes the rates of a model.
+    """Change of a model's rates in one step.
 
     States of the model: places, then their rates, as many of each. Contacts have a gap and a normal
     force, or neither; no time, schedules or algebraic variables. Else raises ArgumentError.
@@ -43,7 +42,7 @@ class Impulses:
 
     def __post_init__(self) -> None:
         model = self.model
-        model.places()  # refuses what has none
+        model.places()  # refuses other states
         if any((c.gap is None) != (c.normal_force is None) for c in model.contacts):
             self._refuse("contacts must have a gap and a normal force, or neither")
         for contact in model.contacts:
@@ -73,7 +72,7 @@ class Impulses:
 
     @property
     def n_gathered(self) -> int:
-        """Number of what is gathered: work of walls and friction, integrals, impulses."""
+        """Number of accumulated values: work of walls and friction, integrals, impulses."""
         return 2 + len(self.integrals) + len(self.model.contacts) + len(self._row_contact)
 
     @cached_property
@@ -90,15 +89,15 @@ class Impulses:
 
     @cached_property
     def kick(self) -> ca.Function:
-        """Rates after a step by the forces at its middle, and what is gathered over it.
+        """Rates after a step by the forces at its middle, and values accumulated over it.
 
-        Of the places in the middle, then of rates before, inputs, parameters and step size.
+        Function of the places in the middle, rates before, inputs, parameters and step size.
         """
         v, h, n_c = self.symbols[1], self.symbols[4], len(self.model.contacts)
         given: ca.SX = ca.SX.sym("impulses", n_c + len(self._row_contact))
         loose = v + h * self._free[self.n_q :]
         after = loose + self._pushes[self.n_q :, :] @ given
-        # by mean rates kinetic energy changes by exactly the work of all impulses
+        # with mean rates, kinetic energy changes by exactly the work of all impulses
         rates, powers = ca.substitute([self._contact_rates, self._powers], [v], [(v + after) / 2])
         work = ca.vertcat(ca.dot(rates[:n_c], given[:n_c]), ca.dot(rates[n_c:], given[n_c:]))
         found = [ca.densify(after), ca.densify(ca.vertcat(work, h * powers, given))]
@@ -116,9 +115,9 @@ class Impulses:
         return ca.Function("kick", symbols, kicked.call([*symbols, impulses]))
 
     def _given(self, free: ca.SX) -> ca.SX:
-        """Normal and tangential impulses, of the rates the contacts would have without them.
+        """Normal and tangential impulses, from the rates that contacts would have without them.
 
-        Each by itself.
+        Each contact by itself.
         """
         contacts, h = self.model.contacts, self.symbols[4]
         stops, n_c = -free / ca.diag(self._response), len(contacts)
@@ -131,12 +130,12 @@ class Impulses:
 
     @cached_property
     def _sweep(self) -> ca.Function:
-        """Impulses after another sweep, of those before and the rates without any."""
+        """Impulses after another sweep, from those before and the rates without any."""
         contacts, h, n_c = self.model.contacts, self.symbols[4], len(self.model.contacts)
         size = n_c + len(self._row_contact)
         impulses, free = ca.SX.sym("impulses", size), ca.SX.sym("free", size)
         response, swept = self._response, ca.SX(impulses)
-        factor = 2 / (1 + math.sin(math.pi / (len(self._swept) + 1)))  # the best one of a chain
+        factor = 2 / (1 + math.sin(math.pi / (len(self._swept) + 1)))  # the best factor for a chain
         for i in sorted({self._row_contact[row - n_c] for row in self._swept}):
             rows = self._rows(i)
             own = largest(response[rows, rows])
@@ -146,12 +145,12 @@ class Impulses:
 
     @cached_property
     def _swept(self) -> list[int]:
-        """Rows of friction without walls, where it acts on one another; else none."""
+        """Rows of friction without walls, if its contacts act on one another; else none."""
         n_c, free = len(self.model.contacts), set(self._without_walls)
         alone = [n_c + row for row, i in enumerate(self._row_contact) if i in free]
         among = self._response[alone, alone]
         sides = ca.vertcat(ca.SX(0, 1), *(e for e in _off_diagonal(among)))
-        try:  # sin cos - cos sin does not count
+        try:  # ignores sin cos - cos sin
             acts = not identically_zero(sides, ca.vertcat(ca.SX(0, 1), *ca.symvar(sides))).all()
         except ZeroDivisionError:
             acts = True
@@ -176,7 +175,7 @@ class Impulses:
     def check(self, x0: np.ndarray, numbers: np.ndarray) -> None:
         """Refuse walls that act on one another and may be closed at the same time.
 
-        They are looked at in the state `x0`; raises ArgumentError if there are two.
+        Checked in the state `x0`; raises ArgumentError if there are two.
         """
         contacts, x = self.model.contacts, pack(self.model.x)
         n_c, gaps = len(contacts), self._gaps
@@ -188,10 +187,10 @@ class Impulses:
         np.fill_diagonal(apart, val=False)
         free = set(self._without_walls)
         alone = [n_c + row for row, i in enumerate(self._row_contact) if i in free]
-        apart[np.ix_(alone, alone)] = False  # their impulses are swept
+        apart[np.ix_(alone, alone)] = False  # sweeps compute their impulses
         contact_of = np.array([*range(n_c), *self._row_contact], dtype=int)
         for a, b in contact_of[np.argwhere(apart)]:
-            # two sides of one channel: the sum of the gaps is its width, whatever moves
+            # two sides of one channel: the sum of the gaps is its constant width
             opposite = a != b and not np.any(slope[a] + slope[b]) and gap[a, 0] + gap[b, 0] > 0
             if not opposite:
                 self._refuse(
@@ -256,7 +255,7 @@ def largest(matrix: ca.SX) -> ca.SX:
 
 
 def friction(law: Law | PlanarLaw, hold: ca.SX, velocity: ca.SX) -> ca.SX:
-    """Force of a law: what holds the contact if it can, else what it slides with."""
+    """Force of a law: the holding force if the contact can hold, else that of sliding."""
     if isinstance(law, PlanarLaw):
         assert isinstance(law, Elliptic)
         return law.nearest(hold)
@@ -269,6 +268,6 @@ def friction(law: Law | PlanarLaw, hold: ca.SX, velocity: ca.SX) -> ca.SX:
 
 
 def _rub(contact: Contact, normal: ca.SX, hold: ca.SX, velocity: ca.SX, h: ca.SX) -> ca.SX:
-    """Impulse of friction, of the one that holds."""
+    """Impulse of friction, from the holding impulse."""
     found, pressed = h * friction(contact.law, hold / h, velocity), contact.normal_force
     return found if pressed is None else ca.substitute(found, pressed, normal / h)

@@ -1,4 +1,4 @@
-"""Task and Outcome: what every integrator is given and what it gives back, as plain arrays."""
+"""Task and Outcome: input and output of every integrator, as plain arrays."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ KINDS = ("reversal", "stick", "release", "impact", "switch")
 """Kinds of events by their numbers."""
 
 F_REST = 1e-13
-"""Share of what a contact can hold that is nothing but rounding."""
+"""Share of a holding force that is rounding."""
 
 SLACK = 10.0
-"""How much larger than those of states errors of derivatives may be, against their size."""
+"""Factor by which relative errors of derivatives may exceed those of states."""
 
-# Largest error of an onset, in tolerances: steps err by far less than these allow. It falls with
-# the fourth power of the onset's length at least, so that little of it costs few steps.
+# Largest error of an onset, in tolerances: errors of steps are far below these. It decreases with
+# at least the fourth power of the onset's length, so that a small error costs few steps.
 _ONSET = 0.05
 
 
@@ -36,14 +36,14 @@ class InitialValueProblem:
 
     system: System
     span: tuple[float, float]  # first and last time
-    x0: np.ndarray  # (n_x,) the model's states, then what `System.n_pushes` counts
+    x0: np.ndarray  # (n_x,) the model's states, then those counted by `System.n_pushes`
     p: np.ndarray  # from `System.parameters`
     schedules: tuple[Schedule, ...]  # those of the model, perhaps with other values
     tolerance: Tolerance
     times: np.ndarray  # (m,) ascending sample times within the span
     dense: bool = False  # keep the polynomials of all steps
-    keep: int = 0  # how many ends of steps are kept at most; 0: samples at `times`
-    directions: Directions | None = None  # along which derivatives go with it
+    keep: int = 0  # most ends of steps to keep; 0: samples at `times`
+    directions: Directions | None = None  # of derivatives to integrate, too
 
     @cached_property
     def start(self) -> np.ndarray:
@@ -62,22 +62,22 @@ class InitialValueProblem:
 
     @cached_property
     def variation(self) -> Variation | None:
-        """What derivatives along the directions need."""
+        """Functions for derivatives along the directions."""
         along = self.directions
         return variation(self.system, along.active(self.system.n_fixed)) if along else None
 
     @cached_property
     def rhs(self) -> ca.Function:
-        """X', with its derivatives along the directions behind it."""
+        """X', followed by its derivatives along the directions."""
         return rhs_of(self.variation, self.k, True) if self.variation else self.system.rhs
 
     @property
     def smooth_rhs(self) -> ca.Function:
-        """The same, to be differentiated again: without limits of slopes that are 0/0."""
+        """Differentiable `rhs`: without limits of slopes that are 0/0."""
         return rhs_of(self.variation, self.k, False) if self.variation else self.system.rhs
 
     def broken(self, x: np.ndarray, dx: np.ndarray) -> str | None:
-        """Why a motion is given up where states or their rates are no numbers; None if all are."""
+        """Reason to give up if states or rates are not finite; None if all are."""
         n_x = len(self.x0)
         if not np.all(np.isfinite([x[:n_x], dx[:n_x]])):
             return "not_finite"
@@ -99,9 +99,9 @@ class InitialValueProblem:
 
     @cached_property
     def column_sizes(self) -> np.ndarray:
-        """How large derivatives are expected, per direction, in units of nominal sizes of states.
+        """Expected sizes of derivatives per direction, in units of nominal sizes of states.
 
-        Where nominal sizes move nominal sizes.
+        With these, nominal directions change states by nominal sizes.
         """
         if self.directions is None:
             return np.zeros(0)
@@ -112,9 +112,9 @@ class InitialValueProblem:
 
     @cached_property
     def column_floor(self) -> np.ndarray:
-        """Sizes below which columns count as so large, in absolute tolerances of states.
+        """Least sizes of columns, in absolute tolerances of states.
 
-        Where a column leaves 0 all of it is error, and what is 0 in theory is rounding.
+        Where a column leaves 0 all of it is error, and zeros of theory are rounding.
         """
         return 0.01 * self.column_sizes / self.tolerance.absolute
 
@@ -124,7 +124,7 @@ class InitialValueProblem:
 
     @cached_property
     def v_rest(self) -> np.ndarray:
-        """Per contact the speed that is nothing but rounding."""
+        """Per contact the speed that is rounding."""
         return 1e-14 * self._nominal_speeds
 
     @cached_property
@@ -137,8 +137,8 @@ class InitialValueProblem:
     def reach(self) -> np.ndarray:
         """Speeds of contacts in the plane, see `wormopt.simulation.crossings`; (4, contacts).
 
-        That of a stop; the least and the largest at the end of an onset; the least over the
-        largest error of an onset. 0 for others.
+        Speed of a stop; least and largest at the end of an onset; least over largest error of an
+        onset. 0 for others.
         """
         tolerated = self.tolerance.relative + self.tolerance.absolute
         least, error = 100 * self.v_stop, _ONSET * tolerated
@@ -152,13 +152,13 @@ class InitialValueProblem:
 
     @cached_property
     def v_drift(self) -> np.ndarray:
-        """Per contact the speed that a resting velocity may gather by the errors of the steps."""
+        """Per contact the speed that a resting velocity may accumulate by errors of steps."""
         errors = (self.tolerance.relative + self.tolerance.absolute) * self._nominal_speeds
         return 1e3 * (self.v_rest + errors)
 
     @cached_property
     def f_rest(self) -> np.ndarray:
-        """Per contact the force that is nothing but rounding, against what it can hold."""
+        """Per contact the force that is rounding, relative to its holding force."""
         n = len(self.system.contacts)
         if not self.system.exact:
             return np.zeros(n)
@@ -166,7 +166,7 @@ class InitialValueProblem:
         call = Call(self.system.probe)  # an ordinary call takes as long as 2000 evaluations
         (probe,) = call(self.span[0], self.x0, p, self.system.sliding)
         held = np.abs(probe[3 * n : 5 * n].reshape(2, n))
-        # the smaller of both ways: what holds the other way, however much, does not act
+        # the smaller of both directions: a large holding force of the other does not act
         some = np.isfinite(held) & (held > 0)
         least = np.where(some, held, np.inf).min(axis=0, initial=np.inf)
         nominal = np.array([c.nominal_force for c in self.system.contacts])
@@ -175,14 +175,14 @@ class InitialValueProblem:
 
     @property
     def small_value(self) -> float:
-        """Share of a velocity or a force that errors of the motion may bridge."""
+        """Share of a velocity or a force within errors of the motion."""
         return 100 * (self.tolerance.relative + self.tolerance.absolute)
 
     @property
     def small_rate(self) -> float:
-        """Share of its parts below which the rate of an event function is next to nothing.
+        """Share of its parts below which the rate of an event function is negligible.
 
-        What falls so slowly falls to no more below 0 than errors of the motion may lift it.
+        A function that falls so slowly stays within errors of the motion of 0.
         """
         return float(np.sqrt(10 * (self.tolerance.relative + self.tolerance.absolute)))
 
@@ -202,7 +202,7 @@ class InitialValueProblem:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an integrator found, as far as it came; `status` is "done" or why it was given up.
+    """Result of an integrator, as far as it came; `status` is "done" or the reason to stop.
 
     Reasons: "step_too_small", "not_finite", "too_many_steps", "stiff", "events_accumulate",
     "no_contact_mode", "no_memory", "layer_not_resolved", "solver_failed", "interrupted",
@@ -210,14 +210,14 @@ class Outcome:
     """
 
     status: str
-    route: str  # which integrator
-    t: float  # how far it came
-    x: np.ndarray  # (n_x,) at `t`, derivatives behind it as in `InitialValueProblem.start`
+    route: str  # name of the integrator
+    t: float  # time reached
+    x: np.ndarray  # (n_x,) at `t`, then derivatives as in `InitialValueProblem.start`
     samples: np.ndarray  # (reached, n_x) at the sample times reached
     n_steps: int
     n_rejected: int
     n_evaluations: int
-    # rows: time, contact (switches counted on), index in `KINDS`, mode from then on, then
+    # rows: time, contact (indices of switches follow), index in `KINDS`, mode from then on, then
     # derivatives of the time
     events: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     # rows: time, contact or switch, its mode, reason, see `wormopt.simulation.sensitivity.doubts`
@@ -230,4 +230,4 @@ class Outcome:
     dense_time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     # (steps, 8, n_x) polynomials, see `Dense`
     dense: np.ndarray = field(default_factory=lambda: np.zeros((0, 8, 0)))
-    notes: tuple[str, ...] = ()  # what may have been missed
+    notes: tuple[str, ...] = ()  # possibly missed events

@@ -1,7 +1,7 @@
-"""Instants at which steps must end: where conditions of time change, and about what is narrow.
+"""Instants at which steps must end: changes of conditions of time, and narrow functions.
 
-Bounds of the functions of time over cells of it say where nothing changes; elsewhere cells are
-halved. Samples alone would miss what a step misses.
+Bounds of the functions of time over cells show where nothing changes; other cells are halved.
+Samples alone would miss what a step misses.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from wormopt.model.schedule import Schedule
 from wormopt.numerics.enclosure import Enclosure
 from wormopt.simulation.conditions import Timed
 
-# Cells to begin with, and how many there may be at once.
+# Number of initial cells, and largest number of cells.
 _CELLS, _MOST_CELLS, _SAMPLE = 64, 50_000, 8
-# Shares of the span: cells are not halved below it; and share of a function's size that is nothing.
+# Least cell as a share of the span; negligible share of a function's size.
 _SHORTEST, _QUIET = 1e-12, 1e-13
 _HALVINGS = 60
-# Share of a guard's parts that is rounding; what underflow leaves of a number; so many bounds are
-# found at once.
+# Share of a guard's parts that is rounding; relative error by underflow; number of bounds found at
+# once.
 _NOISE, _ZERO, _MOST_NUMBERS = 4e-15, 1e-300, 5_000_000
-# Of so many changes a motion is not followed.
+# Largest number of changes.
 _MOST_CHANGES = 20_000
-# A cell is fine enough if the function bends on it by no more than this share of its size.
+# A cell is fine enough if the function's curvature on it is below this share of its size.
 _BEND = 0.25
-# What is missed by steps of some length: stretches of cells of less than an eighth of it, shorter
-# than two of it, with cells in them that are much finer.
+# Stretches that steps miss consist of cells shorter than an eighth of a step, some much finer, and
+# are shorter than two steps.
 _FINE, _SHORT, _MUCH = 1 / 8, 2.0, 1 / 8
 _LEVELS = 14
 
@@ -45,7 +45,7 @@ class _Cells:
     given: np.ndarray  # (inputs, m)
 
     def those(self, chosen: np.ndarray) -> _Cells:
-        """Some of them."""
+        """A subset."""
         return _Cells(self.low[chosen], self.high[chosen], self.given[:, chosen])
 
     @property
@@ -73,7 +73,7 @@ class _Cells:
 
 @dataclass(frozen=True, eq=False)
 class _Functions:
-    """A model's functions of time, made once."""
+    """A model's functions of time, cached."""
 
     timed: Timed
 
@@ -100,7 +100,7 @@ class _Functions:
         return ca.Function("values", [self.timed.inputs], [ca.densify(self.timed.values)])
 
     def at(self, t: np.ndarray, given: np.ndarray) -> np.ndarray:
-        """What conditions say at times (m,), (conditions, m)."""
+        """Values of conditions at times (m,), (conditions, m)."""
         return np.array(self.values(np.vstack([t, given])))
 
 
@@ -117,7 +117,7 @@ def scheduled(
     schedules: tuple[Schedule, ...],
     longest: float,
 ) -> tuple[Schedule, bool]:
-    """The schedule `held` with the instants of a motion and what conditions say in between.
+    """The schedule `held` with the instants of a motion and the values of conditions in between.
 
     Gives it, and whether all that is narrow has been found.
 
@@ -148,12 +148,12 @@ def scheduled(
     inner, complete = _instants(timed, span, longest, *key)
     ends = np.concatenate([span[:1], inner, span[1:]])
     middle = (ends[:-1] + ends[1:]) / 2
-    said = _functions(timed).at(middle, _given(timed, given, key[1], middle)).T
-    return replace(held, start=span[0], breaks=ends - span[0], values=said), complete
+    values = _functions(timed).at(middle, _given(timed, given, key[1], middle)).T
+    return replace(held, start=span[0], breaks=ends - span[0], values=values), complete
 
 
 class _Used(NamedTuple):
-    """What functions of time depend on besides time."""
+    """Dependence of functions of time on other quantities than time."""
 
     fixed: np.ndarray  # (parameters and inputs,)
     pieces: bool  # on schedules
@@ -199,7 +199,7 @@ def _instants(
 def _given(
     timed: Timed, fixed: np.ndarray, schedules: tuple[Schedule, ...], t: np.ndarray
 ) -> np.ndarray:
-    """Inputs of the functions of time but for time itself, at times (m,)."""
+    """Inputs of the functions of time other than time itself, at times (m,)."""
     rows = [np.repeat(fixed[:, None], len(t), axis=1)]
     for schedule in schedules:
         begin, piece = schedule.locate(t)
@@ -219,7 +219,7 @@ def _breaks(schedules: tuple[Schedule, ...], span: tuple[float, float]) -> np.nd
 
 
 def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) -> np.ndarray:
-    """Instants at which conditions change, each the first number at which it has."""
+    """Instants at which conditions change, each the first number after the change."""
     timed = functions.timed
     levels, nested, scale = timed.levels[:, None], timed.nested[:, None], np.zeros(1)
     least = _shortest(span)
@@ -228,12 +228,12 @@ def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) ->
         bounds, (slowest, fastest) = cells.bounds(functions.guards)
         largest = np.abs(bounds).max(axis=0)
         scale = np.maximum(scale, np.where(np.isfinite(largest), largest, 0).max(1, keepdims=True))
-        # a bend may be so small that it does not matter; a jump is one as long as it is no rounding
+        # a kink may be so small that it does not matter; a jump matters unless it is rounding
         size = np.where(timed.jumps[:, None], levels, scale)
         noise = np.where(timed.jumps[:, None], _NOISE, _QUIET)
         nothing = np.maximum(noise * np.maximum(size, cells.largest(functions.sizes)), _ZERO)
         same = _same(*bounds, levels, nothing)
-        # what holds other conditions may jump, unless these do not change
+        # functions of other conditions may jump, unless these do not change
         open_ = ~same & timed.jumps[:, None]
         smooth = ~nested | (open_.sum(axis=0) - open_ <= 0)
         middle, half = cells.middles.bounds(functions.guards)[0], (cells.high - cells.low) / 2
@@ -248,7 +248,7 @@ def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) ->
         cells = cells.those(~quiet & ~done).halves
         many = cells.low.size + sum(c.low.size for c in found)
         if many > _MOST_CHANGES and not (np.all(timed.jumps) or np.any(ignored)):
-            ignored = ~timed.jumps[:, None]  # what only bends can be done without
+            ignored = ~timed.jumps[:, None]  # kinks may be omitted
         elif many > (2 if np.any(ignored) else 1) * _MOST_CHANGES:
             raise SolveError(
                 "conditions of time change more than "
@@ -277,7 +277,7 @@ def _shortest(span: tuple[float, float]) -> float:
 
 
 def _same(low: np.ndarray, high: np.ndarray, levels: np.ndarray, nothing: np.ndarray) -> np.ndarray:
-    """Whether what guards decide is the same all over a cell; what is `nothing` decides nothing."""
+    """Whether decisions of guards are the same over a cell; those below `nothing` decide none."""
     whole = (np.floor(low) == np.floor(high)) & (np.ceil(low) == np.ceil(high))
     level = np.round(low)
     whole |= np.maximum(np.abs(low - level), np.abs(high - level)) <= nothing
@@ -288,10 +288,10 @@ def _same(low: np.ndarray, high: np.ndarray, levels: np.ndarray, nothing: np.nda
 def _narrow(
     functions: _Functions, cells: _Cells, span: tuple[float, float], longest: float
 ) -> tuple[np.ndarray, bool]:
-    """Ends of the cells where a function of time is so narrow that steps might miss it.
+    """Ends of the cells in which a function of time is so narrow that steps might miss it.
 
-    Gives them, and whether there was room for all. A function that is quiet nowhere, a sine say,
-    is not narrow, and needs none.
+    Returns them, and whether there was room for all. A function without quiet parts, such as a
+    sine, is not narrow.
     """
     whole, least = span[1] - span[0], _shortest(span)
     most = min(_MOST_CELLS, _MOST_NUMBERS // functions.timed.courses.numel())
@@ -312,7 +312,7 @@ def _narrow(
         if many > 2 * most:
             break
         if sample is None and many > most:
-            # a few of them show whether what goes on there is narrow
+            # a few of them show whether the function is narrow there
             sample = np.linspace(0, cells.low.size - 1, _SAMPLE).astype(int)
             cells = cells.those(sample)
     if sample is not None:

@@ -1,4 +1,4 @@
-"""Numbers of friction laws that parameters and inputs decide: each law looks at its own."""
+"""Checks values of friction laws that parameters and inputs determine."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _HUGE = 1e100
 
 @dataclass(frozen=True, eq=False)
 class _Alike:
-    """Contacts whose laws differ in numbers alone."""
+    """Contacts whose laws differ in values only."""
 
-    names: list[str]  # fields that are decided
+    names: list[str]  # fields that are determined
     contacts: list[int]
-    entries: list[list[int]]  # of each contact and field the place of its value
+    entries: list[list[int]]  # for each contact and field the index of its value
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,24 +35,24 @@ class LawNumbers:
     fixed: ca.SX  # symbols of parameters and inputs
 
     def check(self, fixed: np.ndarray) -> None:
-        """Let each law see its numbers together: stiction below sliding friction, say.
+        """Let each law check its values together, such as stiction against sliding friction.
 
-        `fixed` are values of the symbols. Laws with the same numbers are asked once.
+        `fixed` are values of the symbols. Laws with equal values are checked once.
         Raises ArgumentError if a law refuses.
         """
         if not self._alike:
             return
         values = self._values(fixed).full().ravel()
         for alike in self._alike:
-            told = map(tuple, values[alike.entries].tolist())
+            rows = map(tuple, values[alike.entries].tolist())
             first: dict[tuple[float, ...], int] = {}
-            for numbers, contact in zip(told, alike.contacts, strict=True):
+            for numbers, contact in zip(rows, alike.contacts, strict=True):
                 first.setdefault(numbers, contact)
             for numbers, contact in first.items():
                 self._ask(contact, dict(zip(alike.names, numbers, strict=True)))
 
     def finite(self, fixed: np.ndarray) -> np.ndarray:
-        """Values with a huge number for infinity where laws use them: 0 times infinity is none."""
+        """Values with infinity replaced by a huge number, since 0 times infinity is NaN."""
         column = self._column(self._decided[0])[0]
         used = np.array(ca.which_depends(column, self.fixed, 1, False), dtype=bool)
         return np.where(np.isinf(fixed) & used, np.copysign(_HUGE, fixed), fixed)
@@ -62,12 +62,12 @@ class LawNumbers:
         try:
             replace(contact.law, **numbers)
         except ValueError as error:
-            said = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
-            raise ArgumentError(f"{contact.name} with {said}: {error}") from None
+            shown = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
+            raise ArgumentError(f"{contact.name} with {shown}: {error}") from None
 
     @cached_property
     def _alike(self) -> list[_Alike]:
-        """Contacts with fields of their laws that parameters and inputs alone decide."""
+        """Contacts with fields of their laws that parameters and inputs alone determine."""
         own = defaultdict[int, dict[str, int]](dict)
         for entry, (i, name) in enumerate(self._decided[0]):
             own[i][name] = entry
@@ -103,6 +103,6 @@ class LawNumbers:
 
 
 def _kind(law: Any, decided: list[str]) -> tuple[object, ...]:
-    """What laws have in common that differ in the fields `decided` alone."""
+    """Key of laws that differ only in the fields `decided`."""
     others = [(name, id(v)) for name, v in fields_of(law).items() if name not in decided]
     return type(law), *decided, *others

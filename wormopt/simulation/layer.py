@@ -1,4 +1,4 @@
-"""Steep layers and bends of contact laws, which error estimates of steps may miss."""
+"""Steep layers and kinks of contact laws, which error estimates of steps may miss."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import Step
 
 _SAMPLES = np.linspace(0.0, 1.0, 17)
-# The law is flat to 2e-7 from so many widths on.
+# From this number of widths on the law is flat to 2e-7.
 _WIDTHS = 8.0
-# Where force bends at velocity 0 along the heading, a step may change that velocity by so much of
-# the speed, and of the nominal speed.
+# Largest change of a velocity across the kink at velocity 0 along the heading in a step, as shares
+# of the speed and of the nominal speed.
 _BEND, _LEAST_BEND = 1e-6, 1e-9
 
 
 class Layer:
     """Speeds below which the smooth law of each contact is steep.
 
-    The parameters `p` and the modes are rewritten by their owners.
+    The owners of the parameters `p` and the modes rewrite them.
     """
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
@@ -37,10 +37,10 @@ class Layer:
             self._velocities = Call(system.velocities, ("p", p), ("s", modes))
 
     def is_passed_unseen(self, step: Step) -> bool:
-        """Whether a velocity enters the steep layer of the smooth law and leaves it again.
+        """Whether a velocity enters and leaves the steep layer of the smooth law within a step.
 
-        The steep part would act between the stages and no error estimate would know. Of exact laws
-        in the plane whether a long step goes over a bend, which the estimate may miss by chance.
+        The layer would act between the stages, unseen by the error estimate. For exact laws in the
+        plane: whether a long step passes a kink, which the estimate may miss.
         """
         if not self._layers:
             return self._bends is not None and self._goes_over_bend(step)
@@ -85,9 +85,9 @@ class Layer:
 
 
 def _cubics(step: Step) -> np.ndarray:
-    """States at the samples by the cubics that know a step's ends only.
+    """States at the samples by the cubics through the ends of a step.
 
-    Stages of the step's own polynomial may lie within a dip and bend it.
+    Stages within a dip may distort the step's own polynomial.
     """
     s, rise = _SAMPLES[:, None], step.x_new - step.x
     first, last = step.h * step.dx, step.h * step.dx_new
@@ -98,7 +98,7 @@ def _cubics(step: Step) -> np.ndarray:
 def _least_between(v: np.ndarray) -> np.ndarray:
     """Least velocities (n,) within a step, by parabolas through neighbouring samples (m, n).
 
-    A dip may be far shorter than the time between two of them.
+    A dip may be far shorter than the time between two samples.
     """
     slope, bend = (v[2:] - v[:-2]) / 2, v[:-2] + v[2:] - 2 * v[1:-1]
     turns = np.abs(slope) < bend

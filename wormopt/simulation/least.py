@@ -1,4 +1,4 @@
-"""Solve for forces of contacts that may leave them open: of all solutions the nearest one."""
+"""Forces of contacts that may be undetermined: of all solutions the nearest one."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 import casadi as ca
 
-# Compliance of contacts at rest and in onset that decides how they share a load, against their
-# own, and how often what it gives way is taken back.
+# Relative compliance of contacts at rest and in onset that decides how they share a load, and
+# number of iterations that remove its effect.
 RESTING, TURNING = 1e-6, 1e-3
 _REFINEMENTS = 5
-# So many equations at most are written out for the compiler.
+# Largest number of equations written out for the compiler.
 _WRITTEN_OUT = 8
 
 
@@ -22,15 +22,15 @@ class Equations:
 
     matrix: ca.SX
     right: ca.SX
-    gives: ca.SX  # what is added to the matrix to decide, against `size`
-    near: ca.SX  # which solution is wanted
+    gives: ca.SX  # compliance added to the matrix to decide, relative to `size`
+    near: ca.SX  # the solution nearest to it is chosen
     size: ca.SX  # of the matrix's entries
 
 
 def solver(name: str, symbols: Sequence[ca.SX], equations: Equations) -> ca.Function:
-    """Solve by loops unless there are few: written out, a dozen contacts take half a minute.
+    """Solve by loops unless equations are few: written out, a dozen contacts take half a minute.
 
-    Gives the solution, then 1 where it is the only one, else 0.
+    Returns the solution, then 1 if it is unique, else 0.
     """
     given: Any = list(symbols)
     e = equations
@@ -50,9 +50,9 @@ def solver(name: str, symbols: Sequence[ca.SX], equations: Equations) -> ca.Func
 
 
 def determined(matrix: ca.SX) -> ca.SX:
-    """Determinant against the sizes of the rows: 1 well determined, 0 not at all.
+    """Determinant relative to the sizes of the rows: 1 well determined, 0 not at all.
 
-    By its factors: a determinant by minors of a chain's matrix grows as Fibonacci's numbers.
+    From factors: an expression by minors grows like Fibonacci's numbers for a chain.
     """
     size = ca.fabs(_product(ca.diag(ca.qr(matrix)[1])))
     return size / ca.sqrt(_product(ca.sum2(matrix**2)))

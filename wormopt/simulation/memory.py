@@ -1,7 +1,7 @@
-"""What a motion remembers of itself: signals of the past as Chebyshev series on pieces of time.
+"""Memory of a motion: signals of the past as Chebyshev series on pieces of time.
 
-A Model with delays is simulated as one with schedules: the coefficients of what it remembers are
-constant on pieces of time, and the past is a polynomial there.
+A Model with delays is simulated as one with schedules: the coefficients of its memory are constant
+on pieces of time, and the past is a polynomial there.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ DEGREE = 11
 """Of the polynomials; their local error is far below that of steps of order 8."""
 _NODES = chebyshev.chebpts1(DEGREE + 1)
 _FIT = np.linalg.inv(chebyshev.chebvander(_NODES, DEGREE)).T
-# Where a fit is tried, away from its nodes.
+# Points between the nodes at which a fit is checked.
 _TRIED = np.array([-0.998, -0.93, -0.7, -0.37, 0.06, 0.43, 0.76, 0.95, 0.999])
 _TRIAL = chebyshev.chebvander(_TRIED, DEGREE).T
 _PLACES = (np.append(_NODES, _TRIED) + 1) / 2
-# Of a single step.
+# For a single step.
 _HALVINGS = 4
 # Jumps of a derivative that have passed this often through the equations are beyond the order of
 # the steps: every pass smooths them at least once.
@@ -74,7 +74,7 @@ class Memory:
         return rows[:, 0] + s * sums - above
 
     def schedule(self, pieces: list[Piece], lag: float) -> Schedule:
-        """What holds at the times at which these pieces are a time `lag` ago."""
+        """Schedule of these pieces, delayed by `lag`."""
         start = pieces[0].begin
         breaks = np.array([0.0, *(piece.end - start for piece in pieces)])
         values = np.array([piece.values for piece in pieces])
@@ -82,7 +82,7 @@ class Memory:
 
 
 def recalled(expression: ca.SX, memories: Sequence[Memory], t: ca.SX) -> ca.SX:
-    """Express signals of the past by what is remembered."""
+    """Replace signals of the past by their polynomials."""
     if not memories:
         return expression
     past = ca.vertcat(*(memory.delay.symbol for memory in memories))
@@ -98,10 +98,10 @@ def fitted(
     generation: int,
     halvings: int = _HALVINGS,
 ) -> list[Piece]:
-    """Pieces of a signal that is smooth but for rounding at `knots`, the ends of steps.
+    """Pieces of a signal that is smooth, up to rounding, except at `knots`, the ends of steps.
 
-    They err by no more than `allowed` where so many halvings of a step suffice. Each step is looked
-    into: steps are short where what is remembered is narrow.
+    Their error is at most `allowed`, if halving a step so often suffices. Each step is examined:
+    steps are short where the signal is narrow.
     """
     length = end - begin
     inner = knots[(knots > begin + 1e-9 * length) & (knots < end - 1e-9 * length)]

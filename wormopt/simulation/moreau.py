@@ -34,21 +34,21 @@ from wormopt.progress import Report, silent
 from wormopt.simulation.impulses import Impulses
 from wormopt.simulation.native.function import repeated
 
-# Steps that are taken between two looks at the state, and looks between two reports.
+# Number of steps between two samples of the state, and of samples between two reports.
 _STRIDE, _SPAN = 10, 500
-# Share of the longest stable step that is taken.
+# Share of the longest stable step that is taken by default.
 _SAFE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class StepRecord:
-    """A motion, looked at every few steps."""
+    """A motion, sampled every few steps."""
 
     time: np.ndarray  # (m,)
     states: np.ndarray  # (n_x, m)
-    pressed: np.ndarray  # (contacts, m - 1) mean normal force between two looks
+    pressed: np.ndarray  # (contacts, m - 1) mean normal force between two samples
     rubbed: np.ndarray  # (components, m - 1) mean tangential force, likewise
-    # (m,) each, done until then: by "walls" (impacts), by "friction", integrals of outputs
+    # (m,) each, work until then: by "walls" (impacts), by "friction", integrals of outputs
     work: dict[str, np.ndarray]
     n_steps: int
 
@@ -188,7 +188,7 @@ class MoreauJean:
         damping = np.abs(np.linalg.eigvals(J[:, half:])).max(initial=0.0)
         if not stiffness and not damping:
             return math.inf
-        # the leapfrog with damping taken where the step begins: 2 c h + k h² < 4, both at most so
+        # the leapfrog with damping at the beginning of the step: 2 c h + k h² < 4, both at most so
         return float(4 / (damping + math.sqrt(damping**2 + 4 * stiffness)))
 
     def safe_step(self, x0: np.ndarray, numbers: np.ndarray) -> float:
@@ -206,7 +206,7 @@ class MoreauJean:
         return _SAFE * self.stable_step(x0, numbers)
 
     def _scheduled(self, schedule: Schedule | None, times: np.ndarray) -> np.ndarray:
-        """Values of the schedule between the looks."""
+        """Values of the schedule between the samples."""
         middle = (times[:-1] + times[1:]) / 2
         if schedule is None:
             return np.zeros((self._n_scheduled, len(middle)))
@@ -242,7 +242,7 @@ class MoreauJean:
 
     @cached_property
     def _stride(self) -> ca.Function:
-        """A few steps: state with what is gathered, scheduled values, parameters, step size."""
+        """A few steps: of state and accumulated values, scheduled values, parameters, step size."""
         return repeated(self._step, _STRIDE)
 
     @property
@@ -266,7 +266,7 @@ class MoreauJean:
 
 
 def _looks(schedule: Schedule | None, end: float, longest: float) -> np.ndarray:
-    """Times of the looks: even between breaks of the schedule."""
+    """Times of the samples: even between breaks of the schedule."""
     breaks = np.array([0.0, end])
     if schedule is not None:
         clock = Model("clock", x=(), ode=ca.SX(0, 1), schedules=[schedule])

@@ -1,7 +1,7 @@
 """Periodic motions of a driven Model by shooting, their Floquet multipliers and derivatives.
 
-The states z that return obey P(z, p) = z, with the return map P over a period T. Its slopes P_z are
-exact where motions can be differentiated; the orbit then moves with parameters and period by
+Returning states z satisfy P(z, p) = z, with the return map P over a period T. Its slopes P_z are
+exact if motions can be differentiated; the orbit then changes with parameters and period by
 dz = (1 - P_z)^-1 (P_p dp + z' dT), the implicit function theorem, unless a multiplier is 1.
 """
 
@@ -25,10 +25,10 @@ from wormopt.simulation.sensitivity.variation import has_derivatives
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
-# Changes of the start by which the return map is differentiated where motions have no exact
-# derivatives, in nominal sizes, and last steps that are as good as none.
+# Changes of the start, in nominal sizes, to differentiate the return map of motions without exact
+# derivatives; negligible last steps.
 _APART, _LAST_STEP = 1e-5, 1e-10
-# Least over largest singular value of 1 - P_z below which the orbit does not stand alone.
+# Least over largest singular value of 1 - P_z below which the orbit is not isolated.
 _SINGULAR = 1e-7
 
 
@@ -110,7 +110,7 @@ class PeriodicOrbit:
         if not self.motion.directions:
             raise ArgumentError("seek the orbit with sensitivities=[...] to differentiate it")
         motion, period = self.motion, self.motion.end_time
-        # at the end of a period that changes too
+        # at the end of a period, which changes too
         ahead = motion.end_derivative + np.outer(rate_at_end(motion), self.period_derivative)
         moved = ahead - motion.state_derivatives[:, :, 0]
         mean = (motion.end - self.start) / period
@@ -132,7 +132,7 @@ def rate_at_end(motion: Trajectory) -> np.ndarray:
 
 
 class _Returns:
-    """Change of the returning states over a period, for `newton`."""
+    """Change of the returning states over a period, as equations for `newton`."""
 
     def __init__(self, model: Model, period: float, names: Sequence[str], **how: object) -> None:
         self.model, self.period, self._how = model, period, how
@@ -151,7 +151,7 @@ class _Returns:
         return x0
 
     def motion(self, z: np.ndarray, **how: object) -> Trajectory:
-        """A period from returning states ``z``."""
+        """Motion over a period from returning states ``z``."""
         named = by_name(self.model.x, self.begin(z))
         return simulate(self.model, self.period, x0=named, **self._how, **how)  # type: ignore[arg-type]
 
@@ -159,7 +159,7 @@ class _Returns:
         return self.motion(z, times=[]).end
 
     def _returned(self, z: np.ndarray) -> Trajectory:
-        """A period, differentiated by where it begins if it can be; the last one is kept."""
+        """Motion over a period, differentiated by its start if possible; the last one is cached."""
         if self._last is None or not np.array_equal(self._last[0], z):
             how = {"sensitivities": self.names} if self._exact else {}
             self._last = z.copy(), self.motion(z, times=[], **how)
@@ -169,7 +169,7 @@ class _Returns:
         return np.array([self._returned(z).end[self.rows] - z for z in x])
 
     def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Of the change."""
+        """Jacobians of the change."""
         return np.array([self.monodromy(z) for z in x]) - np.eye(x.shape[1])
 
     def stands_beside_others(self, monodromy: np.ndarray) -> bool:
@@ -179,7 +179,7 @@ class _Returns:
         return not sizes[-1] > _SINGULAR * max(sizes[0], 1.0)
 
     def monodromy(self, z: np.ndarray) -> np.ndarray:
-        """Slopes (n, n) of the return map, by central differences where there are none exact."""
+        """Slopes (n, n) of the return map, by central differences if none are exact."""
         if self._exact:
             return self._returned(z).end_derivative[self.rows]
         columns = [

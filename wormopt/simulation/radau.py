@@ -15,17 +15,17 @@ from wormopt.simulation.steps import GivenUp, Step, floor_of_step, powers
 
 # Scipy refuses smaller relative tolerances, with a warning.
 _LEAST_RELATIVE = 100 * float(np.finfo(float).eps)
-# Distance, in nominal sizes, that changes nothing.
+# Distance, in nominal sizes, that is negligible.
 _NEARBY = 1e-10
-# The dense output of Radau IIA is a cubic: these points tell its first four rows.
+# The dense output of Radau IIA is a cubic: these points determine its first four rows.
 _POINTS = np.array([0.0, 1 / 3, 2 / 3, 1.0])
 _ROWS = np.linalg.inv(powers(_POINTS)[:, :4])
 
 
 class Stiff:
-    """Steps of scipy's Radau, for stiff motions; order 5, with the exact Jacobian.
+    """Steps of SciPy's Radau, for stiff motions; order 5, with the exact Jacobian.
 
-    Whoever rewrites the parameters `p` or the modes must call `restart`.
+    Call `restart` after rewriting the parameters `p` or the modes.
     """
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
@@ -44,7 +44,7 @@ class Stiff:
     def _slopes(self, t: float, x: np.ndarray) -> np.ndarray:
         n_x, shape = len(self._task.x0), (len(x), len(x))
         matrix = self._jacobian(t, x)[0].reshape(shape).T.copy()
-        if np.any(np.isnan(matrix)):  # 0/0, as that of v |v| at rest: one nearby does as well
+        if np.any(np.isnan(matrix)):  # 0/0, as that of v |v| at rest: use one nearby
             way = self._task.all_absolute / self._task.tolerance.absolute
             nearby = self._jacobian(t, x + _NEARBY * way)[0].reshape(shape).T
             matrix = np.where(np.isnan(matrix), nearby, matrix)
@@ -79,7 +79,7 @@ class Stiff:
         return Step(t, h, min(solver.t, stop), x, x_new, dx, dx_new, fit)
 
     def restart(self, t: float, x: np.ndarray) -> None:
-        """Go on from another state, or with other parameters or modes."""
+        """Continue from another state, or with other parameters or modes."""
         self._t, self._x, self._solver = t, x, None
         if status := self._task.broken(x, self._derivative(t, x)):
             raise GivenUp(status)
@@ -94,9 +94,9 @@ class Stiff:
         return self._advance(self._solver, stop)
 
     def redo(self, step: Step, length: float) -> Step:
-        """Take only the first `length` of the step just attempted, which was too long.
+        """Keep only the first `length` of the step just attempted, which was too long.
 
-        It may end earlier if this is less exact than the whole.
+        It may end earlier if it is less accurate than the whole.
         """
         stop = min(step.t + length, step.end)
         self._solver = None
@@ -113,13 +113,12 @@ class Stiff:
             raise GivenUp("step_too_small")
 
     def accept(self, step: Step) -> None:
-        """Go on from the end of the step just attempted."""
+        """Continue from the end of the step just attempted."""
         self.h, self._t, self._x = step.h, step.end, step.x_new
 
 
 @lru_cache(maxsize=64)
 def _jacobian(rhs: ca.Function) -> ca.Function:
-    """Dense Jacobian of x' by x."""
     jacobian = rhs.factory("jacobian", ["t", "x", "p", "s"], ["jac:rhs:x"])
     arguments = jacobian.mx_in()
     return ca.Function(

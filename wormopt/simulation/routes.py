@@ -1,4 +1,4 @@
-"""Which integrator a task goes to: compiled steps where they can, others where they must."""
+"""Choice of the integrator of a task: compiled steps if possible, others if necessary."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from wormopt.simulation.held import hold
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Route
 
-# Implicit steps in Python cost some hundred compiled ones each: who needs more of them than this is
-# not stiff but full of events, or asks for what nobody waits for.
+# Implicit steps in Python cost some hundred compiled ones each: a motion that needs more than this
+# is not stiff but full of events, or too slow to wait for.
 _STEPS_IN_PYTHON = 20_000
-# After so many, what lies ahead of a motion that has hardly begun is no short transient.
+# After this many steps, the beginning of a motion is no short transient.
 _STEPS_FOR_A_LOOK = 4_000
 STIFF_STEPS = 1_000_000
-"""A smooth motion is stiff where stability alone would need so many more explicit steps."""
+"""A smooth motion is stiff if stability alone would need this many more explicit steps."""
 
 
 def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcome:
-    """Integrate by the route asked for; "auto" is the first that can.
+    """Integrate by the requested route; "auto" is the first possible one.
 
     Conditions in the right-hand side are held between the instants at which they change.
 
-    Raises ValueError if the route cannot take the task, CompilerError if the native route is
-    asked for and there is no compiler.
+    Raises ValueError if the route cannot integrate the task, CompilerError if the native route is
+    requested without a compiler.
     """
     held = hold(task, switches=route != "cvodes")
     if held is None:
@@ -46,12 +46,12 @@ def _integrate(task: InitialValueProblem, route: Route, report: Report) -> Outco
     implicit = _patiently(task, report) if _needs_own_steps(task) else _implicitly(task, report)
     if implicit.status in ("done", "interrupted"):
         return implicit
-    # neither can, or not soon: let explicit steps find out why
+    # neither succeeds, or not soon: let explicit steps find the reason
     return _native(task, report, required=False, stiff_steps=2**62) or outcome
 
 
 def _patiently(task: InitialValueProblem, report: Report) -> Outcome:
-    """Implicit steps in Python, as many as are worth their time."""
+    """Implicit steps in Python, at most as many as are worth their time."""
     start, end = task.span
 
     def at_most(steps: int) -> Outcome:
@@ -66,7 +66,7 @@ def _patiently(task: InitialValueProblem, report: Report) -> Outcome:
 
 
 def _needs_own_steps(task: InitialValueProblem) -> bool:
-    """Whether what is asked for is more than SUNDIALS gives."""
+    """Whether the request exceeds what SUNDIALS supports."""
     return bool(task.system.model.switches) or task.dense
 
 

@@ -1,9 +1,9 @@
-"""How contacts at rest share a load where that is open, as two on one rigid body do.
+"""Split of an undetermined load on resting contacts, such as two on one rigid body.
 
-Their accelerations are unique and their forces are not. They rest as long as some split of the load
-lies within what each of them holds, so the split counts whose largest share is least. Where that
-share rises through 1, the gradients of the shares, each by its multiplier, are velocities that the
-bodies can have: with these slip begins, and what has no multiplier goes on resting.
+Their accelerations are unique but their forces are not. They rest as long as some split of the load
+is within their holding forces, so the split with the least largest share decides. When that share
+rises through 1, the gradients of the shares, times their multipliers, are possible velocities of
+the bodies: slip begins with these, and contacts without multiplier remain at rest.
 
 Source: theorems of limit analysis; D. C. Drucker, W. Prager, H. J. Greenberg, Quarterly of Applied
 Mathematics 9 (1952) 381.
@@ -29,29 +29,29 @@ from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import GivenUp
 
 SHARE_REST = 1e-11
-"""Excess of a share that is nothing but rounding of its split."""
+"""Excess of a share that is rounding of its split."""
 
-# Against the largest singular value, and the largest of what is compared.
+# Relative to the largest singular value, and to the largest of the compared values.
 _NOTHING = 1e-10
-# Square of a share so far from the edge that no better split need be found.
+# Square of a share so far from the limit that no better split is needed.
 _EASY = 0.7
-# Shares so near the largest bound it.
+# Shares so close to the largest bound it.
 _ACTIVE = 1e-6
-# Beyond so many times the weaker side what holds better is looked at near its limit alone.
+# A stronger side by more than this factor is evaluated near its limit only.
 _WIDE = 100.0
-# Sharing that is good enough to find directions from accelerations, and steps towards it.
+# Convergence of the directions from accelerations, and number of steps.
 _SETTLED, _STEPS = 1e-13, 20_000
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """A load shared by contacts at rest so that the largest share is least."""
+    """A load split among resting contacts with the least largest share."""
 
     contacts: np.ndarray
     rows: np.ndarray
     null: np.ndarray  # (rows, k) basis of forces without effect
     forces: np.ndarray  # (rows,)
-    share: float  # of what holds; at most 1 where they rest
+    share: float  # of the holding forces; at most 1 at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Slip:
 
 
 class Sharing:
-    """Splits of the loads that contacts at rest share; reads modes, changes none."""
+    """Splits of the loads that resting contacts share; does not change modes."""
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray, s: np.ndarray) -> None:
         system = self._system = task.system
@@ -76,7 +76,7 @@ class Sharing:
         self._nearest = Call(_nearest_function(system), ("p", p), ("s", s))
 
     def look(self, t: float, x: np.ndarray) -> list[Split]:
-        """Splits of what is shared, and note whether anything is."""
+        """Split shared loads, and note whether there are any."""
         response, forces, free = self._read(t, x)
         found = []
         for rows, null in self._groups(response):
@@ -91,13 +91,13 @@ class Sharing:
         return found
 
     def _read(self, t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Response to forces, forces, accelerations without any."""
+        """Response to forces, forces, and accelerations without forces."""
         n = len(self._row_contact)
         found = self._state(t, x)[0]
         return found[: n * n].reshape(n, n).T, found[n * n : -n], found[-n:]
 
     def _groups(self, response: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Rows that share loads, apart where they do apart, with forces that have no effect."""
+        """Independent groups of rows that share loads, with forces that have no effect."""
         rows = np.flatnonzero(self._modes[self._row_contact] == 0)
         if len(rows) < 2:
             return []
@@ -116,7 +116,7 @@ class Sharing:
     def _parts(
         self, response: np.ndarray, forces: np.ndarray, free: np.ndarray, rows: np.ndarray
     ) -> bool:
-        """Whether no forces keep contacts at rest: one is on the ground, another on a belt."""
+        """Whether no forces keep contacts at rest, such as on the ground and on a belt."""
         slides = self._modes[self._row_contact] != 0
         others = response[np.ix_(rows, slides)] * forces[slides]
         free, sizes = (
@@ -151,16 +151,16 @@ class Sharing:
         return max(self._system.contacts[i].nominal_force for i in contacts)
 
     def _load(self, t: float, x: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squares of the shares of all contacts, and how they change with forces."""
+        """Squares of the shares of all contacts, and their derivatives by forces."""
         n = len(self._modes)
         found = self._loads(t, x, forces)[0]
         return found[:n], found[n:].reshape(-1, n).T
 
     def slip(self, t: float, x: np.ndarray, split: Split) -> Slip:
-        """Find which contacts begin to move when they no longer hold their load, and where to."""
+        """Contacts that begin to move when they no longer hold their load, with directions."""
         laws = [self._system.contacts[i].law for i in split.contacts]
         if any(isinstance(law, PlanarLaw) and not isinstance(law, Elliptic) for law in laws):
-            raise GivenUp("no_contact_mode")  # no minimum says how they do
+            raise GivenUp("no_contact_mode")  # no minimum determines the motion
         at_once = split.share > 1 + _ACTIVE
         velocity = self._accelerate(t, x, split) if at_once else self._give_way(t, x, split)
         owner = self._row_contact[split.rows]
@@ -170,7 +170,7 @@ class Sharing:
         return Slip([int(split.contacts[i]) for i in moving], [each[i] for i in moving])
 
     def _give_way(self, t: float, x: np.ndarray, split: Split) -> np.ndarray:
-        """Velocity at which a load that has grown to the largest that holds gives way."""
+        """Velocity of a load that has reached the largest that holds."""
         every = np.zeros(len(self._row_contact))
         every[split.rows] = split.forces
         load, slope = self._load(t, x, every)
@@ -183,7 +183,7 @@ class Sharing:
         return velocity - split.null @ (split.null.T @ velocity)
 
     def _accelerate(self, t: float, x: np.ndarray, split: Split) -> np.ndarray:
-        """Accelerations under a load beyond what holds: accelerated projected gradients."""
+        """Accelerations under a load beyond the holding forces: accelerated projected gradients."""
         response, forces, free = self._read(t, x)
         rows, every = split.rows, forces.copy()
         others = np.setdiff1d(np.arange(len(forces)), rows)
@@ -208,7 +208,7 @@ class Sharing:
 def _components(together: np.ndarray) -> np.ndarray:
     """Members (bool) of every connected component, one per row, of symmetric pairs (n, n).
 
-    Everything is together with itself. For few members this is faster than SciPy's search.
+    Everything is connected with itself. For few members this is faster than SciPy's search.
     """
     while True:
         wider = together @ together
@@ -226,7 +226,7 @@ def _state_function(system: System) -> ca.Function:
 def _least_share(
     shares: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], begin: np.ndarray
 ) -> np.ndarray:
-    """Where the largest share, of those given with their slopes, is least."""
+    """Point with the least largest share, from shares with their slopes."""
     k, ahead = len(begin), np.append(0 * begin, 1.0)
 
     def slack(y: np.ndarray) -> np.ndarray:
@@ -261,7 +261,7 @@ def _load_function(system: System) -> ca.Function:
 
 
 def _load(contact: Contact, force: ca.SX) -> ca.SX:
-    """Convex, at most 1 where the contact can hold the force."""
+    """Convex share of the holding force, at most 1 if the contact can hold the force."""
     if isinstance(contact.law, PlanarLaw):
         return ca.SX(contact.law.gauge(force) ** 2)
     low, high = (ca.SX(bound) for bound in contact.law.stick_interval)
@@ -286,7 +286,7 @@ def _nearest_function(system: System) -> ca.Function:
 
 
 def _nearest(contact: Contact, force: ca.SX) -> ca.SX:
-    """Force nearest to one that the contact can hold."""
+    """Force nearest to a given one that the contact can hold."""
     law = contact.law
     if isinstance(law, PlanarLaw):
         return law.nearest(force) if isinstance(law, Elliptic) else force

@@ -1,4 +1,4 @@
-"""The verb `simulate`: a Model in, its motion out, or a refusal that says why."""
+"""The verb `simulate`: the motion of a Model, or a reason for failure."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from wormopt.simulation.trajectory import Dense, Event, NonsmoothEvent, Trajecto
 
 Values = Mapping[str, ArrayLike]
 
-# Steps that are kept at most where no times are named: so many, or as many as have so many numbers,
-# but not fewer than the last.
+# Most steps kept if no times are named: this many, or as many as have this many numbers, but not
+# fewer than the last.
 _KEPT, _NUMBERS, _LEAST_KEPT = 10_000, 2_000_000, 200
 
 _REFUSALS = {
@@ -186,7 +186,7 @@ def simulate(
 
 
 def check(model: object, contact: object, tolerance: object, route: object) -> None:
-    """Refuse what is not of the kind it should be, before it is taken for something else."""
+    """Refuse arguments of wrong types."""
     if not isinstance(model, Model):
         raise ArgumentError(f"model must be a Model, not {type(model).__name__}")
     if not isinstance(contact, Smooth | Exact):
@@ -199,7 +199,7 @@ def check(model: object, contact: object, tolerance: object, route: object) -> N
 
 @lru_cache(maxsize=64)
 def system_of(model: Model, contact: Treatment) -> System:
-    """What an integrator needs of a model, made once."""
+    """The System of a model, cached."""
     return System(model, contact)
 
 
@@ -216,7 +216,7 @@ def task_of(
     tolerance: Tolerance,
     sensitivities: Sensitivities | None,
 ) -> InitialValueProblem:
-    """Arguments of `simulate` as what is to be integrated; raises ArgumentError as it does."""
+    """Arguments of `simulate` as a task; raises its ArgumentErrors."""
     system = system_of(model, contact)
     check_flag("dense", dense)
     start, end = _ends(span)
@@ -243,7 +243,7 @@ def task_of(
 
 
 def _most_kept(size: int) -> int:
-    """How many states of a size are kept where no times are named."""
+    """Largest number of states of this size to keep if no times are named."""
     return max(_LEAST_KEPT, min(_KEPT, _NUMBERS // size))
 
 
@@ -267,7 +267,7 @@ def _with_values(
 
 
 def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
-    """What an integrator found, refused if it did not come to the end."""
+    """Trajectory of an outcome; raises SolveError if it did not reach the end."""
     n_x, first = task.system.model.n_x, len(task.x0)
     reached, samples = _sampled(task, outcome)
     dense = outcome.dense
@@ -307,7 +307,7 @@ def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
 def _sampled(task: InitialValueProblem, outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
     """Times (m,) at which states are known, and the states (m, n).
 
-    A sample at the end of a motion counts, though rounding may have it end a little earlier.
+    A sample at the end of a motion is included, though rounding may end it a little earlier.
     """
     if task.keep:
         before = outcome.kept[outcome.kept[:, 0] < outcome.t]
@@ -319,7 +319,7 @@ def _sampled(task: InitialValueProblem, outcome: Outcome) -> tuple[np.ndarray, n
 
 
 def _doubts(motion: Trajectory, rows: np.ndarray) -> tuple[NonsmoothEvent, ...]:
-    """What casts doubt, by its event; one that all but happened is made up."""
+    """Doubts by their events; an event that nearly happened is constructed."""
     system, happened = motion.system, {(e.time, e.name): e for e in motion.events}
     found = {}
     for t, which, mode, reason in rows.tolist():

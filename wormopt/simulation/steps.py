@@ -1,4 +1,4 @@
-"""What a step in Python is, and what takes one: `Explicit` of dop853.py, `Stiff` of radau.py."""
+"""Steps in Python, of `Explicit` in dop853.py and `Stiff` in radau.py."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wormopt.simulation.initial_value import InitialValueProblem
 
 
 class GivenUp(Exception):
-    """A motion cannot be followed any further; for `status` see `Outcome`."""
+    """A motion cannot be continued; for `status` see `Outcome`."""
 
     def __init__(self, status: str) -> None:
         self.status = status
@@ -30,7 +30,7 @@ class Kept:
     _stride: int = 1
 
     def add(self, t: float, x: np.ndarray) -> None:
-        """Keep a row, or pass it over."""
+        """Keep or skip a row."""
         if self._seen % self._stride == 0:
             self.rows.append(np.append(t, x))
             if len(self.rows) == self.most:
@@ -61,7 +61,7 @@ class Step:
     x_new: np.ndarray  # (n_x,) state at `end`
     dx: np.ndarray  # (n_x,) time derivative at `t`
     dx_new: np.ndarray  # (n_x,) time derivative at `end`
-    fit: Callable[[], np.ndarray]  # gives the rows of its polynomial
+    fit: Callable[[], np.ndarray]  # returns the rows of its polynomial
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -74,14 +74,14 @@ class Step:
 
 
 def floor_of_step(task: InitialValueProblem, t: float) -> float:
-    """Length below which a step is nothing but rounding."""
+    """Length below which a step is rounding."""
     return 8 * float(np.finfo(float).eps) * max(abs(t), 1e-3 * (task.span[1] - task.span[0]))
 
 
 class Stepper(Protocol):
-    """What takes steps.
+    """Interface of integrators in steps.
 
-    ``h`` is the length that the next one shall have, at most.
+    ``h`` is the largest length of the next step.
     """
 
     h: float
@@ -89,7 +89,7 @@ class Stepper(Protocol):
     n_evaluations: int
 
     def restart(self, t: float, x: np.ndarray) -> None:
-        """Go on from another state, or with other parameters or modes."""
+        """Continue from another state, or with other parameters or modes."""
         ...
 
     def attempt(self, stop: float) -> Step | None:
@@ -100,9 +100,9 @@ class Stepper(Protocol):
         ...
 
     def redo(self, step: Step, length: float) -> Step:
-        """Take only the first `length` of the step just attempted, which was too long.
+        """Keep only the first `length` of the step just attempted, which was too long.
 
-        It may end earlier if this is less exact than the whole.
+        It may end earlier if it is less accurate than the whole.
         """
         ...
 
@@ -114,8 +114,8 @@ class Stepper(Protocol):
         ...
 
     def accept(self, step: Step) -> None:
-        """Go on from the end of the step just attempted.
+        """Continue from the end of the step just attempted.
 
-        Raises GivenUp if the motion is too stiff to go on.
+        Raises GivenUp if the motion is too stiff.
         """
         ...

@@ -1,14 +1,14 @@
 """Integration by SUNDIALS through CasADi: CVODES, and IDAS where there are algebraic equations.
 
-For stiff smooth motions, and for smooth ones where there is no compiler. Implicit steps may pass
-the steep layer of a smooth contact law unseen, and no error estimate tells: velocities that should
-stay near zero go on. Runs to different tolerances do so differently. Where there are contacts,
-the motion is therefore found at least twice, and given only if a run agrees with one to a
-tolerance a hundred times looser.
+For stiff smooth motions, and for smooth ones without a compiler. Implicit steps may miss the steep
+layer of a smooth contact law without an error estimate: velocities that should stay near zero
+continue. Runs to different tolerances do so differently. With contacts, the motion is therefore
+computed at least twice, and returned only if a run agrees with one to a tolerance a hundred
+times looser.
 
 Measured on a tracked and on a shaken chain of three masses, F- = 10 F+, 10 time units, v_reg from
 1e-2 to 1e-7: errors against exact or explicit solutions were below 10 tolerances where the layer
-was seen, and 200 to 40000 tolerances where not.
+was resolved, and 200 to 40000 tolerances otherwise.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from wormopt.progress import Report, silent
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Smooth
 
-# Runs agree if they differ by no more than so many tolerances of the first.
+# Runs agree if they differ by at most this many tolerances of the first.
 _AGREE = 100.0
 _LOOSEST = 1e-7
 _STEP_DOWN = 100.0
 _RUNS = 4
 _LEAST_RELATIVE = 1e-14
-# Points of time at which the state is kept in any case: for the comparison, and for what there is
-# if a run fails. One integrator goes over so many of them at a time.
+# Number of times at which the state is always stored, for the comparison and for partial results.
+# One integrator covers this many at a time.
 _STATIONS = 64
 _CHUNK = 200
-# Equal parts of the time between two of them, at whose ends the motion is kept where no times are
-# named: steps go on over these.
+# Equal parts between two of them, at whose ends the motion is stored if no times are named: steps
+# do not end there.
 _PARTS = 8
 
 
 def integrate(task: InitialValueProblem, report: Report) -> Outcome:
     """Integrate a smooth task without switches by CVODES or IDAS, with the exact Jacobian.
 
-    Gives the run to the smallest tolerance; status "layer_not_resolved" where runs disagree.
-    Raises ArgumentError if contact is exact, there are switches, or all shall be kept (`dense`).
+    Returns the run to the smallest tolerance; status "layer_not_resolved" if runs disagree. Raises
+    ArgumentError if contact is exact, there are switches, or polynomials are requested (`dense`).
     """
     _refuse(task)
     relative, grid = task.tolerance.relative, _Grid(task)
@@ -76,10 +76,10 @@ def _refuse(task: InitialValueProblem) -> None:
 
 
 class _Grid:
-    """Points of time at which the state is wanted, and what holds between them.
+    """Times at which the state is stored, and values in between.
 
-    Among them are all breaks of schedules, so that CasADi, which starts its integrators anew
-    where inputs change, does so at breaks and nowhere else.
+    They include all breaks of schedules, so that CasADi, which restarts its integrators at changes
+    of inputs, does so only at breaks.
     """
 
     def __init__(self, task: InitialValueProblem) -> None:
@@ -104,7 +104,7 @@ class _Grid:
 
 
 def _pieces(schedule: Schedule, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times from ``start`` on at which pieces begin, and the values from then on, `begin` first."""
+    """Times from ``start`` on at which pieces begin, and their values, with `begin` first."""
     times, values, t = [], [], start
     while t < end:
         begin, piece = schedule.locate(np.array([t]))
@@ -116,7 +116,7 @@ def _pieces(schedule: Schedule, start: float, end: float) -> tuple[np.ndarray, n
 
 @dataclass(eq=False)
 class _Run:
-    """A motion found to one tolerance."""
+    """A motion to one tolerance."""
 
     task: InitialValueProblem
     grid: _Grid
@@ -126,7 +126,7 @@ class _Run:
     n_steps: int = 0
     n_rejected: int = 0
     n_evaluations: int = 0
-    kept: list[np.ndarray] = field(default_factory=list)  # rows of time and state, where asked for
+    kept: list[np.ndarray] = field(default_factory=list)  # rows of time and state, if requested
 
     def agreed(self, other: _Run) -> int:
         """Number of points of time up to which two runs agree."""
@@ -142,7 +142,7 @@ class _Run:
         return both_ended and self.agreed(other) == len(self.states)
 
     def outcome(self, other: _Run | None = None) -> Outcome:
-        """What was found, up to where another run disagrees."""
+        """Results, up to where another run disagrees."""
         count = len(self.states) if other is None else self.agreed(other)
         reached = self.grid.samples[self.grid.samples < count]
         states = np.array(self.states[:count])
@@ -159,7 +159,7 @@ class _Run:
         )
 
     def _kept(self, until: float) -> np.ndarray:
-        """Rows of time and state up to a time, no more than asked for."""
+        """Rows of time and state up to a time, no more than requested."""
         start = np.append(self.grid.times[0], self.states[0])
         rows = np.array([start, *(row for row in self.kept if row[0] <= until)])
         return rows[:: -(-len(rows) // self.task.keep)] if self.task.keep else rows[:0]
@@ -170,7 +170,7 @@ def _plugin(task: InitialValueProblem) -> str:
 
 
 def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report) -> _Run:
-    """Find the motion to a relative tolerance."""
+    """Integrate the motion to a relative tolerance."""
     run = _Run(task, grid, relative, [task.start])
     if not np.all(np.isfinite(task.x0)):
         run.status = "not_finite"
@@ -189,7 +189,7 @@ def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report
             run.status = "interrupted"
             break
         except RuntimeError as failure:
-            if end - first > 1:  # find out how far it goes
+            if end - first > 1:  # find the time reached
                 middle = (first + end) // 2
                 todo += [(middle, end), (first, middle)]
                 continue
@@ -205,7 +205,7 @@ def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report
 
 
 def _why(task: InitialValueProblem, relative: float) -> str:
-    """Why the integrator failed: a motion that it follows without derivatives fails by these."""
+    """Reason for failure: derivatives, if the integrator succeeds without them."""
     if task.directions is None:
         return "solver_failed"
     alone = replace(task, directions=None)
@@ -214,7 +214,7 @@ def _why(task: InitialValueProblem, relative: float) -> str:
 
 
 def _solver(run: _Run, first: int, end: int) -> ca.Function:
-    """Integrator from one point of the grid to another."""
+    """Integrator from one time of the grid to another."""
     task, times = run.task, run.grid.times
     options = {
         "reltol": run.relative,
@@ -224,14 +224,14 @@ def _solver(run: _Run, first: int, end: int) -> ca.Function:
         "disable_internal_warnings": True,
         "show_eval_warnings": False,
     }
-    if _plugin(task) == "cvodes":  # else it goes on for ever where the motion ends
+    if _plugin(task) == "cvodes":  # otherwise it never returns where the motion ends
         options["min_step_size"] = 1e-15 * max(abs(times[0]), abs(times[-1]))
     outputs = _outputs(run, first, end).tolist()
     return ca.integrator("solver", _plugin(task), _scaled(task), times[first], outputs, options)
 
 
 def _outputs(run: _Run, first: int, end: int) -> np.ndarray:
-    """Times at which the state is told between two points of the grid, the last one included."""
+    """Output times between two times of the grid, the last one included."""
     times = run.grid.times[first : end + 1]
     if not run.task.keep:
         return times[1:]
@@ -241,7 +241,7 @@ def _outputs(run: _Run, first: int, end: int) -> np.ndarray:
 
 
 def _advance(run: _Run, solver: ca.Function, guess: np.ndarray, first: int, end: int) -> np.ndarray:
-    """Go on from one point of the grid to another; gives the algebraic variables there."""
+    """Continue from one time of the grid to another; returns the algebraic variables there."""
     task, scale = run.task, _sizes(run.task)
     found = solver(
         x0=run.states[-1] / scale,
@@ -269,7 +269,7 @@ def _sizes(task: InitialValueProblem) -> np.ndarray:
 
 
 def _scaled(task: InitialValueProblem) -> dict[str, ca.SX]:
-    """The system in states of nominal size 1, since both codes know but one absolute tolerance."""
+    """The system in states of nominal size 1, since both codes have one absolute tolerance."""
     dae, scale, n_fixed = task.system.dae, ca.DM(_sizes(task)), task.system.n_fixed
     x = ca.SX.sym("x", dae["x"].numel())
     states = scale[: x.numel()]

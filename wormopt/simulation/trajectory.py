@@ -16,18 +16,18 @@ from wormopt.simulation.initial_value import KINDS
 from wormopt.simulation.sensitivity.directions import Directions
 from wormopt.simulation.sensitivity.variation import variation
 
-# Within a step, where a largest value is sought first; then its neighbourhood, so many times.
-# The last is before whatever jumps at the end of the step.
+# Points within a step at which a largest value is searched first, and number of refinements. The
+# last is before a jump at the end of the step.
 _WITHIN = np.array([0.0, 0.25, 0.5, 0.75, 1 - 1e-9])
 _ZOOMS, _ZOOM_POINTS = 4, 41
-# Error of the time of an event against the span.
+# Error of the time of an event, relative to the span.
 _ROUNDING = 1e-10
-# Expressions are evaluated at so many times at once.
+# Number of times at which expressions are evaluated at once.
 _CHUNK = 50_000
 
 
 def latest(end: float, start: float) -> float:
-    """Latest time that rounding, and errors of a last event, let count as the end of a motion."""
+    """Latest time that is the end of a motion within rounding and errors of a last event."""
     return end + _ROUNDING * (abs(end) + end - start)
 
 
@@ -191,7 +191,7 @@ class Trajectory(SampledMotion):
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
-        """What happened, in order of time."""
+        """Events in order of time."""
         rows, names = self.event_rows, self.system.happening
         changes = rows[:, 4:] if rows.shape[1] > 4 else [None] * len(rows)
         return tuple(
@@ -282,7 +282,7 @@ class Trajectory(SampledMotion):
             return ()
         share = float(np.sum(np.diff(self.time)[cut[:-1]]) / (self.time[-1] - self.time[0]))
         return (
-            f"inputs are cut to their bounds for {share:.2g} of the time, as more is asked for, "
+            f"inputs are cut to their bounds for {share:.2g} of the time, "
             f"first at t = {self.time[int(np.argmax(cut))]:.6g}",
         )
 
@@ -363,7 +363,7 @@ class Trajectory(SampledMotion):
     def values(self, function: ca.Function, *further: np.ndarray) -> np.ndarray:
         """Values of a function of `System.observe` at the sample times.
 
-        Of few samples at a time: CasADi needs memory for all that it evaluates at once.
+        In groups of samples: CasADi needs memory for all that it evaluates at once.
 
         Parameters
         ----------

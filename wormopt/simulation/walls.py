@@ -1,4 +1,4 @@
-"""Walls that give way a little: a Model with gaps becomes one that implicit integrators take.
+"""Compliant walls: turns a Model with gaps into one for implicit integrators.
 
 The normal force N of a contact with the gap g is tied to it by an algebraic equation,
 
@@ -89,7 +89,6 @@ def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation
 
 
 def _numbers(values: dict[str, float]) -> list[Signal]:
-    """Parameters of the walls, checked."""
     kinds = {
         "stiffness": ("stiffness", TINY),
         "smoothing": ("energy", TINY),
@@ -125,5 +124,5 @@ def _force(model: Model, walls: list[Contact], k: ca.SX, epsilon: ca.SX, tau: ca
     near = -(gaps + tau * rates)
     root = ca.sqrt(near**2 + 4 * epsilon / k)
     larger = k * (root + ca.fabs(near)) / 2
-    # the two roots have the product -k epsilon: no digits are lost
+    # the product of both roots is -k epsilon: no digits are lost
     return ca.if_else(near > 0, larger, k * epsilon / larger)

@@ -1,5 +1,5 @@
 # pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false
-"""What a user gives, in a scene or from Python: declared once, read and checked in one way.
+"""Tables of user input, in a scene or from Python: declared once, read and checked in one way.
 
 A `Given` is a table of a scene whose fields say their quantity, meaning, bounds and default:
 
@@ -52,7 +52,7 @@ from wormopt.units import bare_number, has_unit, to_number
 
 _LARGEST = sys.float_info.max
 _SMALL, _LARGE = 1e-30, 1e30
-# Names that keys had before, and what they are called now: the first that a table knows.
+# Former names of keys, and their present names: the first that a table has.
 _RENAMED = {
     "aim": ("objective",),
     "course": ("time", "route"),
@@ -71,11 +71,11 @@ _RENAMED = {
 
 
 class RefusedError(SceneError, ArgumentError):
-    """What was given from Python cannot be used: all that is wrong, key by key."""
+    """Input from Python is invalid: all faults, key by key."""
 
 
 def _parameters(table: Any) -> str:
-    """Section of a docstring that says what each key of a table means."""
+    """Section of a docstring with the meaning of each key of a table."""
     text = "\n\n    Parameters\n    ----------"
     for field in _fields(table):
         optional = "" if field.required else ", optional"
@@ -91,49 +91,49 @@ def check_quantity(quantity: str) -> None:
 
 
 def says(quantity: str, meaning: str, usual: tuple[float, float] | None = None) -> Meta:
-    """What a key means, in Markdown, and its quantity: a name of `wormopt.quantities`, or "".
+    """Meaning of a key, in Markdown, and its quantity: a name of `wormopt.quantities`, or "".
 
-    `usual` are the sizes in SI of which nobody is warned, where not those of the quantity.
+    `usual`: sizes in SI without a warning, if not those of the quantity.
     """
     return Meta(extra={"quantity": quantity, "meaning": meaning, "usual": usual})
 
 
 def said_of(kind: Any) -> dict[str, Any]:
-    """What `says` says, by the type of a key; empty where nothing is said."""
+    """The declaration `says` in the type of a key; empty if there is none."""
     if get_origin(kind) is not Annotated:
         return {}
-    said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
-    return said[-1] if said else {}
+    declared = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
+    return declared[-1] if declared else {}
 
 
 def meaning(kind: Any) -> tuple[str, str]:
-    """Quantity and meaning of a key, by its type; "" where there is none."""
-    said = said_of(kind)
-    return said.get("quantity", ""), said.get("meaning", "")
+    """Quantity and meaning of a key, by its type; "" if there is none."""
+    declared = said_of(kind)
+    return declared.get("quantity", ""), declared.get("meaning", "")
 
 
 def default_of(field: Any) -> Any:
-    """Value of a key that is left out, NODEFAULT where it must not be."""
+    """Default value of a key, NODEFAULT if it is required."""
     made = field.default_factory
     return field.default if made is NODEFAULT else made()
 
 
 class Key(NamedTuple):
-    """What a field declares."""
+    """Declaration of a field."""
 
     quantity: str
     meaning: str
     default: Any
     bounds: Mapping[str, Any] = {}  # of msgspec.Meta
-    words: str = ""  # what a message asks the user to write
-    per: str = ""  # of which parts a list has one entry each
+    words: str = ""  # description of allowed values in messages
+    per: str = ""  # parts for which a list has one entry each
     usual: tuple[float, float] | None = None  # see `says`
 
     def typed(self, kind: Any) -> Any:
-        """Type of the field with all that it declares, as the reader and schemas take it."""
+        """Type of the field with its declaration, for the reader and for schemas."""
         words = [Meta(description=self.words)] if self.words else []
-        said = says(self.quantity, self.meaning, self.usual).extra or {}
-        return Annotated[self._bounded(kind), *words, Meta(extra={**said, "per": self.per})]
+        declared = says(self.quantity, self.meaning, self.usual).extra or {}
+        return Annotated[self._bounded(kind), *words, Meta(extra={**declared, "per": self.per})]
 
     def _bounded(self, kind: Any) -> Any:
         if kind in (int, float):
@@ -161,8 +161,8 @@ def number(
 ) -> Any:
     """A number within bounds.
 
-    With `per` a list is allowed too, with one number for each of these parts ("links", say); with
-    ``per="ends"`` a range [smallest, largest].
+    With `per` a list is allowed too, with one number for each of these parts (such as "links");
+    with ``per="ends"`` a range [smallest, largest].
     """
     bounds: dict[str, float] = {"gt": above} if above is not None else {}
     bounds |= {"ge": -_LARGEST if least is None else least} if above is None else {}
@@ -178,7 +178,7 @@ def number(
 def _words(
     above: float | None, least: float | None, below: float | None, most: float | None
 ) -> str:
-    """Say in words which numbers bounds allow."""
+    """Describe the numbers that bounds allow."""
     if least is not None and most is not None:
         return f"a number from {least:g} to {most:g}"
     if least is not None and below is not None:
@@ -212,7 +212,7 @@ def whole(
 
 
 def entry(meaning: str, *, quantity: str = "", default: Any = NODEFAULT, per: str = "") -> Any:
-    """A key whose annotation says what is allowed: a choice, a flag, text, a list, or a table."""
+    """A key with the values of its annotation: a choice, a flag, text, a list, a table."""
     return Key(quantity, meaning, default, per=per)
 
 
@@ -222,7 +222,7 @@ def entry(meaning: str, *, quantity: str = "", default: Any = NODEFAULT, per: st
     field_specifiers=(number, positive, whole, entry, msgspec.field),
 )
 class GivenMeta(StructMeta):
-    """Makes types of what fields declare, and reads what a class is called with."""
+    """Makes types from declarations of fields, and reads arguments of the class."""
 
     def __new__(
         mcs,
@@ -285,14 +285,14 @@ class GivenMeta(StructMeta):
 
 
 class Given(Struct, metaclass=GivenMeta):
-    """Base of what users give: unchangeable, compared by its fields, checked when it is made."""
+    """Base of user input: immutable, compared by its fields, checked on creation."""
 
     units_of_texts: ClassVar[str] = "SI"
-    """Units into which texts such as "60 mm" are read where a table is made from Python."""
+    """Units of texts such as "60 mm" in a table made from Python."""
 
     @classmethod
     def made(cls, given: Mapping[str, Any]) -> Self:
-        """Make one of keys and values; RefusedError says all that is wrong."""
+        """Make one from keys and values; RefusedError lists all faults."""
         optional = {f.encode_name for f in _fields(cls) if f.default is None}
         raw = {k: as_toml(v) for k, v in given.items() if v is not None or k not in optional}
         faults: list[Fault] = []
@@ -304,29 +304,29 @@ class Given(Struct, metaclass=GivenMeta):
 
     @property
     def has_units(self) -> bool:
-        """Whether texts with units were given in Python."""
+        """Whether Python code gave texts with units."""
         return vars(self).get("_has_units", False)
 
     @classmethod
     def check_class(cls) -> None:
-        """Raise TypeError for what a class declares wrongly, when it is made."""
+        """Raise TypeError for wrong declarations of a class, on its creation."""
 
     @classmethod
     def of_checked(cls, fields: Mapping[str, Any]) -> Self:
-        """Make one of fields that were checked before."""
+        """Make one from fields that were checked before."""
         return StructMeta.__call__(cls, **fields)
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Numbers of links, masses and the like, for lists that have one entry for each."""
+        """Numbers of links, masses and other parts, for lists with one entry for each."""
         return {}
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key of this table shows: key and message."""
+        """Yield faults between keys of this table: key and message."""
         yield from ()
 
     def wrong(self) -> Iterator[Fault]:
-        """Yield all that is wrong with keys that are right each by itself."""
+        """Yield faults between keys that are valid individually."""
         extreme = [
             fault
             for name in self.__struct_fields__
@@ -337,13 +337,13 @@ class Given(Struct, metaclass=GivenMeta):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What trust reports say of the table, beside what was found."""
+        """Entries of trust reports about the table, besides results."""
         below = (getattr(self, name) for name in self.__struct_fields__)
         tables = [table for table in below if isinstance(table, Given)]
         return {key: fact for table in tables for key, fact in table.facts.items()}
 
     def file_warnings(self, folder: Path, units: str) -> Iterator[str]:
-        """Yield what to know about the files that the table and those in it name."""
+        """Yield warnings about the files that the table and tables in it name."""
         for name in self.__struct_fields__:
             value = getattr(self, name)
             for table in value if isinstance(value, tuple) else (value,):
@@ -360,7 +360,7 @@ class Given(Struct, metaclass=GivenMeta):
         vars(varied)["_has_units"] = self.has_units or varied.has_units
         return varied
 
-    def __reduce__(self) -> Any:  # fields alone travel: nothing cached, and nothing is read again
+    def __reduce__(self) -> Any:  # only fields are pickled: caches are dropped
         fields = {name: getattr(self, name) for name in self.__struct_fields__}
         return type(self).of_checked, (fields,)
 
@@ -374,7 +374,7 @@ def _has_units(value: Any) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """Tables, lists and numbers of what was given, as a TOML file would have them."""
+    """Input as tables, lists and numbers, as in a TOML file."""
     if isinstance(value, Struct):
         config = value.__struct_config__
         tag = {config.tag_field: config.tag} if config.tag_field else {}
@@ -386,7 +386,7 @@ def plain(value: Any) -> Any:
 
 
 def _wrong_lists(made: Any, counts: Mapping[str, int], path: str) -> Iterator[Fault]:
-    """Yield lists that have another length than there are parts, in a table and below it."""
+    """Yield lists whose length differs from the number of parts, in a table and below it."""
     for field in _fields(type(made)) if counts else ():
         value, name = getattr(made, field.name), f"{path}.{field.name}" if path else field.name
         things: Any = said_of(field.type).get("per", "")
@@ -399,7 +399,7 @@ def _wrong_lists(made: Any, counts: Mapping[str, int], path: str) -> Iterator[Fa
 def _extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
     """Yield a fault for each number so extreme that products of a few of them overflow.
 
-    `value` is that of a key, or in it; tables in it have checked their own.
+    `value` is that of a key, or in it; tables in it are checked already.
     """
     if isinstance(value, tuple):
         for index, item in enumerate(value):
@@ -425,9 +425,9 @@ def wrong_count(
     things: Literal["links", "masses", "joints"],
     entry: Literal["number", "table"] = "number",
 ) -> Iterator[Fault]:
-    """Yield a fault if a list does not hold one entry per link or per mass.
+    """Yield a fault unless a list has one entry per link or per mass.
 
-    A value that is no list is fine.
+    Other values than lists pass.
     """
     if isinstance(value, tuple) and len(value) != count:
         yield (
@@ -448,7 +448,7 @@ def _entries(count: int) -> str:
 T = TypeVar("T", bound=Given)
 _fields = cache(msgspec.structs.fields)
 
-_MANY_DEGREES = 1e9  # nobody means so many; a whole number may be too large to be turned
+_MANY_DEGREES = 1e9  # not intended; a whole number may be too large to convert
 _WORDS: dict[Any, str] = {
     bool: "true or false",
     int: "a whole number",
@@ -460,10 +460,10 @@ _WORDS: dict[Any, str] = {
 def read_table(
     raw: Mapping[str, Any], table: type[T], path: str, units: str, faults: list[Fault]
 ) -> T | None:
-    """Convert a raw table to a struct; every fault is added to `faults`, and gives None.
+    """Convert a raw table to a struct; every fault is added to `faults`, and returns None.
 
-    `path` is the key path of the table, "" for the whole scene; `units` those of the scene, "SI"
-    or not.
+    `path` is the key path of the table, "" for the whole scene; `units`: "SI" or other units of
+    the scene.
     """
     known = {item.name: item for item in _fields(table)}
     tag_key = table.__struct_config__.tag_field
@@ -487,7 +487,7 @@ def read_table(
 
 
 def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -> Any:
-    """Read a value, of which numbers may be written with a unit where the key has a quantity."""
+    """Read a value; its numbers may have units if the key has a quantity."""
     before, (quantity, _), given = len(faults), meaning(kind), raw
     if quantity:
         raw = _without_units(raw, quantity, path, units, faults)
@@ -518,10 +518,10 @@ def _without_units(raw: Any, quantity: str, path: str, units: str, faults: list[
 
 
 def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -> Any:
-    """Convert a raw value to a type; every fault is added to `faults`, and gives None."""
+    """Convert a raw value to a type; every fault is added to `faults`, and returns None."""
     kind, given = bare(kind), raw
     tables = tables_in(kind)
-    if isinstance(given, Given):  # made in Python, checked there
+    if isinstance(given, Given):  # made and checked in Python
         if given.has_units and units != "SI":
             faults.append((path, 'was made with units; write units = "SI", or numbers alone'))
         if isinstance(given, tuple(tables)):
@@ -565,7 +565,7 @@ def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) 
 def _chosen(
     raw: Mapping[str, Any], tables: list[type[Given]], path: str, faults: list[Fault]
 ) -> type[Given] | None:
-    """Pick the table a raw table is meant to be, by its tag key where there are several."""
+    """Select the type of a raw table, by its tag key if there are several."""
     if len(tables) == 1:
         return tables[0]
     tag_key = tables[0].__struct_config__.tag_field or ""
@@ -579,7 +579,7 @@ def _chosen(
 
 
 def describe(kind: Any) -> str:
-    """Say in plain words what values a type of a scene field allows."""
+    """Describe the values that a type of a scene field allows."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Annotated:
         words = [meta.description for meta in arguments[1:] if getattr(meta, "description", None)]
@@ -599,7 +599,7 @@ def describe(kind: Any) -> str:
 
 
 def _tables(tables: list[type[Given]]) -> list[str]:
-    """Tell one table by its keys, several by the key that parts them."""
+    """Describe one table by its keys, several by the key that distinguishes them."""
     if len(tables) < 2:
         return [f"a table with {', '.join(table.__struct_fields__)}" for table in tables]
     tags = [table.__struct_config__.tag for table in tables]
@@ -607,18 +607,18 @@ def _tables(tables: list[type[Given]]) -> list[str]:
 
 
 def _many(words: str) -> str:
-    """Several of what words tell, where they begin as "a finite number above 0" does."""
+    """Plural of words that begin as "a finite number above 0" does."""
     return re.sub(r"^an? ((?:(?:finite|whole) )?)(number|list|angle|table)\b", r"\1\2s", words)
 
 
 def _holds_numbers(kind: Any) -> bool:
-    """Whether numbers may stand in a value of a type."""
+    """Whether a value of a type may contain numbers."""
     parts = get_args(kind)
     return kind is float or any(_holds_numbers(part) for part in parts if part is not Ellipsis)
 
 
 def bare(kind: Any) -> Any:
-    """Type without what `wormopt.study.types.says` says of it."""
+    """Type without the declaration of `wormopt.study.types.says`."""
     if get_origin(kind) is not Annotated:
         return kind
     inner, *metas = get_args(kind)
@@ -627,7 +627,7 @@ def bare(kind: Any) -> Any:
 
 
 def tables_in(kind: Any) -> list[type[Given]]:
-    """Tables that a value of a type may be."""
+    """Tables among the values of a type."""
     if isinstance(kind, type) and issubclass(kind, Given):
         return [kind]
     if get_origin(kind) in (Union, UnionType):
@@ -636,28 +636,28 @@ def tables_in(kind: Any) -> list[type[Given]]:
 
 
 def _words_in(kind: Any) -> list[str]:
-    """Texts that a type names one by one."""
+    """Texts that a type lists."""
     if get_origin(kind) is Literal:
         return [word for word in get_args(kind) if isinstance(word, str)]
     return [word for part in get_args(kind) for word in _words_in(part)]
 
 
 def _keyed_in(kind: Any) -> Any:
-    """Type of the values of a table with free keys; None for others, and where all is allowed."""
+    """Type of the values of a table with free keys; None for others, and if all is allowed."""
     kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
     values = get_args(kind)[1] if get_origin(kind) is dict else Any
     return None if values is Any else values
 
 
 def _may_hold(kind: Any, count: int) -> bool:
-    """Whether a list of so many entries is of a type that may bound their number."""
+    """Whether a list of this length is of a type that may bound its length."""
     metas = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
     bounds = [meta for meta in metas if isinstance(meta, msgspec.Meta)]
     return all((m.min_length or 0) <= count <= (m.max_length or count) for m in bounds)
 
 
 def _listed_in(kind: Any) -> Any:
-    """Type of the tables in a list, None where there is no list of tables."""
+    """Type of the tables in a list, None for other types."""
     kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else [kind]
     for part in parts:
@@ -694,7 +694,7 @@ def _one_of(values: list[Any]) -> str:
 
 
 def _shown(value: Any) -> str:
-    """Write a value as the scene does, cut short where it is long."""
+    """Format a value as in the scene, shortened if long."""
     if isinstance(value, bool):
         text = "true" if value else "false"
     elif isinstance(value, str):
@@ -710,11 +710,11 @@ def _shown(value: Any) -> str:
 def _digits(value: Any) -> str:
     try:
         return repr(value)
-    except ValueError:  # Python refuses to write out whole numbers of thousands of digits
+    except ValueError:  # Python refuses to format integers of thousands of digits
         return "so large a number"
 
 
 def _join(path: str, key: str) -> str:
-    """Key path, in which a key that TOML has in quotes is in quotes."""
+    """Key path; a key with quotes in TOML has quotes."""
     key = key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _shown(key)
     return f"{path}.{key}" if path else key

@@ -19,11 +19,11 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
-_WAITING = "_waiting_imports"  # name in a module: its imports that were not made yet
+_WAITING = "_waiting_imports"  # attribute of a module: its pending imports
 
 
 class _Later:
-    """Stands for an imported name until it is used, then puts the real one in its place."""
+    """Placeholder of an imported name until it is used, which then replaces itself."""
 
     def __init__(self, module: str, name: str, where: dict[str, Any]) -> None:
         self._module, self._name, self._where = module, name, where
@@ -58,7 +58,7 @@ class _Later:
 
 
 class _Source:
-    """What `from module import name` asks for its names."""
+    """Source of the names of `from module import name`."""
 
     def __init__(self, module: str, where: dict[str, Any]) -> None:
         self._module, self._where = module, where
@@ -71,7 +71,7 @@ class _Source:
 
 @contextmanager
 def on_use() -> Generator[None]:
-    """Let the imports of the block wait. For use at the top level of a module."""
+    """Delay the imports of the block. For use at the top level of a module."""
     real, where = builtins.__import__, sys._getframe(2).f_globals  # pyright: ignore[reportPrivateUsage] # noqa: SLF001
 
     def wait(
@@ -97,9 +97,9 @@ def on_use() -> Generator[None]:
 
 
 def load(module: str) -> None:
-    """Make the imports of a module that still wait.
+    """Make the pending imports of a module.
 
-    Code that compares or keeps what it imports then never meets a stand-in.
+    Code that compares or stores its imports then never meets a placeholder.
     """
     for later in vars(sys.modules[module]).pop(_WAITING, ()):
         later._load()  # noqa: SLF001 - of this file

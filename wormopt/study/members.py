@@ -25,7 +25,7 @@ class NotComputedError(WormoptError):
 
 
 class AbsentError(NotComputedError, ArgumentError):
-    """A member that this study does not have: a number of a float, where there is none.
+    """A member that this study does not have, such as a number of a float, if there is none.
 
     Members that need it are absent too.
     """
@@ -33,23 +33,23 @@ class AbsentError(NotComputedError, ArgumentError):
 
 @dataclass
 class Member(Generic[T]):
-    """One thing that a study computes.
+    """Declaration of a result of a study.
 
-    On a study it gives the value, which is computed once and kept; on the class, this.
+    On a study it gives the value, which is computed once and cached; on the class, itself.
     """
 
     compute: Method[T]
     role: Role
     quantity: str = ""
-    meaning: str = ""  # of checks and warnings: what is said where the limit is exceeded
+    meaning: str = ""  # of checks and warnings: the message if the limit is exceeded
     dims: tuple[str, ...] = ()
-    limit: float | str = 0.0  # a number, or the member or key that holds it
+    limit: float | str = 0.0  # a number, or the name of a member or key
     headline: bool = False
     headlines: tuple[str, ...] = ()  # of several
-    when: str = ""  # member or key without which there is none
-    reported_as: str = ""  # name in results, where a key has the name of the method
+    when: str = ""  # member or key that it requires
+    reported_as: str = ""  # name in results, if a key has the name of the method
     neglected: bool = False  # a warning's number is the share that the theory neglects
-    several: bool = False  # a mapping or a sequence, with names known only when it is computed
+    several: bool = False  # a mapping or a sequence, with names known after computing only
     declared: Mapping[str, tuple[Any, ...]] = field(
         default_factory=dict[str, tuple[Any, ...]]
     )  # names known before
@@ -76,26 +76,24 @@ class Member(Generic[T]):
     @property
     def declares(self) -> Mapping[str, tuple[Any, ...]]:
         """Quantity, dimensions if it has some, and meaning of each result, by name."""
-        said = (self.quantity, self.dims, self.meaning)
-        return (
-            self.declared if self.several else {self.reported_as: said if self.dims else said[::2]}
-        )
+        one = (self.quantity, self.dims, self.meaning)
+        return self.declared if self.several else {self.reported_as: one if self.dims else one[::2]}
 
     @property
     def names(self) -> Sequence[str]:
-        """Names by which results of it are asked for; of several, also its own for all of them."""
+        """Names by which its results are requested; for several, also its own for all of them."""
         if self.role not in ("scalar", "array", "check"):
             return ()
         own = [*self.declared, self.name] if self.several else [self.reported_as.replace(" ", "_")]
         return tuple(dict.fromkeys(own))
 
     def asked_by(self, names: Iterable[str]) -> bool:
-        """Whether one of the names is that of a result of it, or begins so before a dot."""
+        """Whether one of the names is that of one of its results, or begins so before a dot."""
         heads = {name.partition(".")[0] for name in self.names}
         return any(name.partition(".")[0] in heads for name in names)
 
     def reported(self, found: Any, names: Sequence[str]) -> Iterator[tuple[str, Any]]:
-        """Yield results by name: of several those asked for, all without names."""
+        """Yield results by name; for several the requested ones, or all without names."""
         if not self.several:
             yield self.reported_as, found
             return
@@ -105,7 +103,7 @@ class Member(Generic[T]):
 
     @property
     def named(self) -> Sequence[str]:
-        """Members and keys, which may be dotted, that its declaration names."""
+        """Members and keys, which may be dotted, that its declaration refers to."""
         named = [self.when] if self.when else []
         named += [self.limit] if isinstance(self.limit, str) else []
         if self.role in ("check", "warning") and not self.several:
@@ -134,16 +132,16 @@ def _declare(role: Role, quantity: str, meaning: str, dims: str = "", **more: An
 
 
 def stage(compute: Method[T]) -> Member[T]:
-    """A step of the computation. It is timed, and its failure is kept with its partial result."""
+    """A step of the computation. It is timed; a failure is stored with its partial result."""
     return Member(compute, "stage")
 
 
 def scalar(
     quantity: str, meaning: str, *, headline: bool = False, when: str = "", name: str = ""
 ) -> Declared[T]:
-    """A number of the result: None if unknown, absent without what `when` names.
+    """A number of the result: None if unknown, absent without the member or key `when`.
 
-    `name` is its name in results where a key has the name of the method.
+    `name` is its name in results, if a key has the name of the method.
     """
     return _declare("scalar", quantity, meaning, headline=headline, when=when, reported_as=name)
 
@@ -159,7 +157,7 @@ def scalars(
 
 
 def array(quantity: str, dims: str, meaning: str, *, when: str = "", name: str = "") -> Declared[T]:
-    """A variable of the result over dimensions, ``"mass time"`` say."""
+    """A variable of the result over dimensions, such as ``"mass time"``."""
     return _declare("array", quantity, meaning, dims, when=when, reported_as=name)
 
 
@@ -185,9 +183,9 @@ def check(
 def warning(
     above: float, words: str, quantity: str = "", *, neglected: bool = False, when: str = ""
 ) -> Declared[T]:
-    """A number of which the user is warned above a size.
+    """A number that causes a warning above a limit.
 
-    `neglected` says that it is the share which the theory neglects.
+    `neglected`: it is the share that the theory neglects.
     """
     return _declare("warning", quantity, words, limit=above, neglected=neglected, when=when)
 
@@ -197,7 +195,7 @@ def _several(role: Role) -> Any:
 
 
 def checks(compute: Method[Iterable[Check]]) -> Member[Iterable[Check]]:
-    """Checks whose number or advice is known only when they are made."""
+    """Checks whose number or advice depends on the study."""
     return _several("check")(compute)
 
 
@@ -233,7 +231,7 @@ def signal(quantity: str, dims: str, meaning: str, *, when: str = "", name: str 
 
 
 def parts(of: type[T], *, when: str = "") -> Declared[T]:
-    """What one function computes together, as a dataclass; each of its fields is a member too."""
+    """Results of one function, as a dataclass; each of its fields is a member too."""
     return lambda compute: Member(compute, "parts", of=of, when=when)
 
 

@@ -12,7 +12,7 @@ from wormopt.study.types import FinitePerMass
 
 
 class Start(Given):
-    """Where the masses start and how fast."""
+    """Initial positions and velocities of the masses."""
 
     position: FinitePerMass | None = entry(
         "of the masses, head first; left out, links have their rest length and the tail is at 0",
@@ -28,7 +28,7 @@ class Start(Given):
 
 
 class TimeSpan(Given):
-    """From time 0 to which, and how many instants are kept."""
+    """Duration from time 0, and number of samples."""
 
     end: float = positive("time", "last time")
     samples: int = whole(
@@ -37,7 +37,7 @@ class TimeSpan(Given):
 
 
 class ToleranceTable(Given):
-    """How exact the motion shall be."""
+    """Tolerances of the simulation."""
 
     relative: float = number(
         "1", "error of a step, against the size of a state", least=1e-14, most=0.001, default=1e-11
@@ -100,7 +100,7 @@ class AveragingTable(Given):
 
 
 class MeshTable(Given):
-    """How finely an optimal motion is resolved."""
+    """Mesh of the optimal motion."""
 
     arcs: int = whole(
         2,
@@ -122,5 +122,5 @@ class MeshTable(Given):
 # -- keys that many scenes have --------------------------------------------------------------------
 
 Contacts = Annotated[ContactTable, says("", "how contact is treated; exact if left out")]
-Horizon = Annotated[TimeSpan, says("", "how long")]
-Tolerances = Annotated[ToleranceTable, says("", "how exact simulations are")]
+Horizon = Annotated[TimeSpan, says("", "duration and samples")]
+Tolerances = Annotated[ToleranceTable, says("", "tolerances of simulations")]

@@ -1,8 +1,7 @@
-"""Where results go: refused before the work starts, or whole when it is done.
+"""Output folders: rejected before the work starts, or complete when it is done.
 
-Files are written into a temporary folder and renamed into place. ``summary.json`` tells the
-hashes of the files written with it: only files that are still as wormopt wrote them are ever
-replaced or removed.
+Files are written into a temporary folder and renamed into place. ``summary.json`` contains the
+hashes of the files written with it: wormopt replaces or removes only its own unchanged files.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ _LONGEST_NAME = 100
 
 @dataclass(frozen=True)
 class Output:
-    """Folder of a result, and what stands there already.
+    """Folder of a result, with its present content.
 
-    `kept` are names in it that may be there without being in the way, such as a store of points.
+    `kept`: names in it that do not prevent writing, such as a store of points.
     """
 
     folder: Path
@@ -40,7 +39,7 @@ class Output:
 
 
 def default_folder(scene: str, changes: Sequence[str] = ()) -> Path:
-    """Folder for a scene: trials with changed keys have one of their own each."""
+    """Folder for a scene; scenes with changed keys have their own folders."""
     name = ",".join([scene, *(re.sub(r"[^\w.=+-]+", "_", text) for text in changes)])
     if len(name) > _LONGEST_NAME:
         digest = hashlib.sha256("\n".join(changes).encode(errors="replace")).hexdigest()
@@ -49,17 +48,17 @@ def default_folder(scene: str, changes: Sequence[str] = ()) -> Path:
 
 
 def check_output(output: Output, files: Sequence[str]) -> Output:
-    """Make sure that results can be written, so that no work is done in vain.
+    """Check that results can be written, before the work starts.
 
-    Gives it with its folder absolute and free of links. An earlier result of the same scene and
-    kind may be replaced, with `force` of any; else OutputError if something is in the way.
+    Returns it with an absolute folder without links. An earlier result of the same scene and kind
+    may be replaced, with `force` any; else OutputError if something is in the way.
     """
     try:
         output = replace(output, folder=output.folder.resolve())
         _refuse_obstacles(output, files)
         with _staging(output.folder):
             return output
-    except (OSError, RuntimeError, ValueError) as error:  # links in a ring; a null character
+    except (OSError, RuntimeError, ValueError) as error:  # circular links; a null character
         why = getattr(error, "strerror", None) or error
         where = output.folder
         raise OutputError(f"{where}: cannot be written: {why}; choose another with -o") from error
@@ -67,9 +66,9 @@ def check_output(output: Output, files: Sequence[str]) -> Output:
 
 @contextmanager
 def output_folder(output: Output) -> Iterator[Path]:
-    """Give a temporary folder whose files appear in the output's when the context ends.
+    """Yield a temporary folder whose files move to the output's when the context ends.
 
-    Even by an error: a picture that fails must not cost the numbers.
+    Also after an error: a picture that fails must not cost the numbers.
     `output` is from `check_output`. Raises OutputError if files cannot be written after all.
     """
     folder = output.folder
@@ -86,7 +85,7 @@ def output_folder(output: Output) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class Earlier:
-    """The result that a folder holds: what it is, and which files are as they were written."""
+    """The result in a folder, and which files are unchanged."""
 
     scene: str = ""
     kind: str = ""
@@ -121,7 +120,7 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
 
 
 def _refuse_open(folder: Path, earlier: Earlier) -> None:
-    """Raise OutputError where a file may not be replaced: on Windows one that is open somewhere."""
+    """Raise OutputError for a file that cannot be replaced: on Windows one that is open."""
     for path in (folder / name for name in earlier.own):
         try:
             path.replace(path)
@@ -131,7 +130,7 @@ def _refuse_open(folder: Path, earlier: Earlier) -> None:
 
 
 def earlier_result(folder: Path) -> Earlier:
-    """Find what was written into a folder; nothing where there is no result."""
+    """The result written into a folder, if there is one."""
     try:
         summary = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
         scene, kind, hashes = (summary[key] for key in ("scene", "kind", "sha256"))
@@ -154,7 +153,7 @@ def changed(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") -> I
 
 
 def enlist(folder: Path, names: Sequence[str]) -> None:
-    """Have new files beside a result count as its own, so that they are replaced with it."""
+    """Add new files beside a result to its own files, so that they are replaced with it."""
     summary = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
     summary["files"] += [name for name in names if name not in summary["files"]]
     write_summary(folder, summary, names)
@@ -167,8 +166,8 @@ def _is_as_written(folder: Path, name: str, digest: object) -> bool:
 
 @contextmanager
 def _staging(folder: Path) -> Iterator[Path]:
-    # Inside a folder that is there: it may be writable where its parent is not, and a file
-    # can only be renamed within one file system.
+    # Inside the folder if it exists: it may be writable where its parent is not, and files can only
+    # be renamed within one file system.
     where = folder if folder.is_dir() else folder.parent
     where.mkdir(parents=True, exist_ok=True)
     staging = where / f".wormopt-{secrets.token_hex(4)}"
@@ -183,7 +182,7 @@ def _publish(staging: Path, output: Output) -> None:
     folder, new = output.folder, sorted(path.name for path in staging.iterdir())
     enlist(staging, [name for name in new if name != SUMMARY_FILE])  # pictures too
     try:
-        # what came while we worked
+        # files written meanwhile
         _refuse_obstacles(replace(output, kept=(*output.kept, staging.name)), new)
     except OutputError as error:
         spare = folder.with_name(f"{folder.name}-{secrets.token_hex(4)}")
@@ -193,7 +192,7 @@ def _publish(staging: Path, output: Output) -> None:
         staging.rename(folder)
         return
     stale = earlier_result(folder).own - set(new)
-    for name in sorted(new, key=SUMMARY_FILE.__eq__):  # it comes last
+    for name in sorted(new, key=SUMMARY_FILE.__eq__):  # the summary is last
         (staging / name).replace(folder / name)
     for name in stale:
         with suppress(FileNotFoundError):

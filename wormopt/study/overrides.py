@@ -1,4 +1,4 @@
-"""Changes of a scene before it is checked: texts as of ``--set``, and tables from Python."""
+"""Changes of a scene before it is checked: texts of ``--set``, and tables from Python."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Overrides = str | Mapping[str, Any] | Iterable[str | Mapping[str, Any]]
 
 
 def override(raw: dict[str, Any], overrides: Overrides) -> Iterator[Fault]:
-    """Change raw tables in place, and yield what cannot be changed."""
+    """Change raw tables in place, and yield faults."""
     if not isinstance(overrides, Iterable):
         raise ArgumentError(f'overrides are texts "key=value" or dicts, not {overrides!r}')
     several: Iterable[Any] = [overrides] if isinstance(overrides, str | Mapping) else overrides
@@ -30,8 +30,8 @@ def override(raw: dict[str, Any], overrides: Overrides) -> Iterator[Fault]:
 
 
 def as_toml(value: Any) -> Any:
-    """Turn a value from Python into what a TOML file would give: lists, numbers, texts, tables."""
-    if hasattr(value, "tolist"):  # arrays and numbers of NumPy, which is not loaded for this
+    """Convert a value from Python to TOML types: lists, numbers, texts, tables."""
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy
         return value.tolist()
     if isinstance(value, Mapping):
         return {str(key): as_toml(item) for key, item in value.items()}
@@ -41,7 +41,7 @@ def as_toml(value: Any) -> Any:
 
 
 def _leaves(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Key paths and values of a table; tables in it are gone into, so that they are merged."""
+    """Key paths and values of a table, including those of tables in it, which are merged."""
     for key, value in table.items():
         inside = f"{path}.{key}" if path else str(key)
         if isinstance(value, Mapping) and value:
@@ -57,7 +57,7 @@ def _override_by_text(raw: dict[str, Any], text: str) -> Iterator[Fault]:
         yield "--set", f"{text!r} does not read key=value, worm.links=3 say"
         return
     try:
-        value.encode()  # arguments need not be text; what they are kept as cannot be saved
+        value.encode()  # arguments may be invalid text, which cannot be saved
         parsed = tomllib.loads(f"value = {value}")
     except (ValueError, RecursionError):
         parsed = {}
@@ -83,7 +83,7 @@ def _set_at(raw: dict[str, Any], path: str, value: Any) -> Iterator[Fault]:
 
 
 def _set(inside: Any, keys: list[str], value: Any, name: str = "") -> None:
-    """Set what a path of keys and, in lists, of indices leads to; tables on the way may be new."""
+    """Set the value at a path of keys and list indices; makes missing tables."""
     key, *rest = keys
     place: Any = key
     if isinstance(inside, list):

@@ -1,4 +1,4 @@
-"""Numbers in SI that crawling robots from a millimetre to ten metres do not have: warnings."""
+"""Warnings about sizes in SI that crawling robots from a millimetre to ten metres do not have."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msgspec import NODEFAULT, Struct, structs
 from wormopt.quantities import unit_of
 from wormopt.study.given import said_of
 
-# Quantity: smallest and largest size that is no surprise, in its SI unit.
+# Quantity: smallest and largest usual size in its SI unit.
 USUAL = {
     "length": (1e-7, 20.0),
     "area": (1e-12, 10.0),
@@ -37,20 +37,20 @@ _SMALLER = {"m": "mm", "s": "ms", "kg": "g", "N": "mN", "m s-1": "mm/s", "m s-2"
 
 
 def surprises(table: Struct, units: str, path: str = "") -> Iterator[str]:
-    """Yield a warning for each number given in a table of a scene that is hardly meant so."""
+    """Yield a warning for each number in a table of a scene that is unlikely to be intended."""
     if units != "SI":
         return
     for field in structs.fields(table):
         value, key = getattr(table, field.name), f"{path}.{field.name}" if path else field.name
         if field.default is not NODEFAULT and value == field.default:
             continue
-        said = said_of(field.type)
-        usual = said.get("usual") or USUAL.get(said.get("quantity", ""))
+        declared = said_of(field.type)
+        usual = declared.get("usual") or USUAL.get(declared.get("quantity", ""))
         for place, item in _items(value, key):
             if isinstance(item, Struct):
                 yield from surprises(item, units, place)
             elif usual and isinstance(item, float | int) and not isinstance(item, bool):
-                yield from _surprise(place, abs(item), said["quantity"], usual)
+                yield from _surprise(place, abs(item), declared["quantity"], usual)
 
 
 def _items(value: Any, key: str) -> Iterator[tuple[str, Any]]:

@@ -1,6 +1,6 @@
-"""What may stand in a scene of each kind, and what its results hold: a page, and a JSON Schema.
+"""Reference of a kind of scene: a page and a JSON Schema.
 
-Both are made from the tables into which scenes are read, so that they cannot be out of date.
+Both are made from the tables into which scenes are read, so that they are always up to date.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _COMMON = ("schema", "kind", "title", "units")
 
 
 def schema(kind: str) -> dict[str, Any]:
-    """JSON Schema of the scenes of a kind, with what every key means."""
+    """JSON Schema of the scenes of a kind, with the meaning of every key."""
     table = KINDS[kind].load()
     (found, sweep), parts = msgspec.json.schema_components(
         [table, Swept], ref_template="#/$defs/{name}"
@@ -35,7 +35,7 @@ def schema(kind: str) -> dict[str, Any]:
     found = {**about, **found, "$defs": parts}
     parts[table.__name__]["properties"]["sweep"] = sweep
     for part in parts.values():
-        part["description"] = _said(inspect.cleandoc(part.get("description", "")))
+        part["description"] = _without_python(inspect.cleandoc(part.get("description", "")))
     for part in (*tables_below(table), Swept):
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
@@ -43,13 +43,13 @@ def schema(kind: str) -> dict[str, Any]:
             if what:
                 properties[field.encode_name]["description"] = what
             if quantity:
-                told = _or_with_unit(properties[field.encode_name], quantity)
-                properties[field.encode_name] = told | {"quantity": quantity}
+                described = _or_with_unit(properties[field.encode_name], quantity)
+                properties[field.encode_name] = described | {"quantity": quantity}
     return found
 
 
 def _or_with_unit(node: dict[str, Any], quantity: str) -> dict[str, Any]:
-    """Let texts with a unit stand where a schema has numbers, if the quantity has a unit."""
+    """Allow texts with a unit in place of numbers, if the quantity has a unit."""
     if unit_of(quantity, "SI") == "1" and quantity != "share":
         return node
     if node.get("type") == "number":
@@ -91,7 +91,7 @@ def page(kind: str) -> str:
 
 
 def quantity_of(table: type[msgspec.Struct], key: str) -> str:
-    """Quantity of a dotted key, "" where it has none."""
+    """Quantity of a dotted key, "" if it has none."""
     inside, quantity = [table], ""
     for name in (part for part in re.split(r"[.\[\]]+", key) if part and not part.isdecimal()):
         fields = [f for t in inside for f in msgspec.structs.fields(t) if f.encode_name == name]
@@ -102,11 +102,11 @@ def quantity_of(table: type[msgspec.Struct], key: str) -> str:
 
 def _prose(table: type) -> list[str]:
     """Paragraphs of a docstring after its first line."""
-    return [part for part in _said(inspect.getdoc(table) or "").split("\n\n")[1:] if part]
+    return [part for part in _without_python(inspect.getdoc(table) or "").split("\n\n")[1:] if part]
 
 
-def _said(docstring: str) -> str:
-    """A docstring without the parts for Python, which say what the keys say."""
+def _without_python(docstring: str) -> str:
+    """A docstring without the parts for Python, which repeat the keys."""
     return docstring.partition("\n\nParameters\n----------\n")[0]
 
 
@@ -121,7 +121,7 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
 
 
 def _row(*cells: str) -> str:
-    """Of a table; bars in cells do not end them."""
+    """Row of a table; bars in cells are escaped."""
     escaped = (re.sub(r"(?<!\\)[|]", r"\\|", cell) for cell in cells)
     return f"| {' | '.join(escaped)} |"
 
@@ -131,7 +131,10 @@ def _of(field: msgspec.structs.FieldInfo) -> str:
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     numbers = [part for part in parts if part is not NoneType and not tables_in(single(part))]
     words = [describe(Union[tuple(numbers)])] if numbers else []  # noqa: UP007
-    words += ["a table"] if len(words) == 0 or tables_in(single(kind)) else []
+    tables = [bare(part) for part in parts if tables_in(single(part))]
+    listed = [get_origin(part) is tuple for part in tables]
+    words += ["a table"] if not words or False in listed else []
+    words += ["a list of tables"] if True in listed else []
     return re.sub(r'("[^"]*")', r"`\1`", ", or ".join(words))
 
 
@@ -149,7 +152,9 @@ def _default(field: msgspec.structs.FieldInfo) -> str:
 def _listed(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_listed, value))}]"
-    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if value else "0"
+    if isinstance(value, str):
+        return f'"{value}"'
+    return f"{value:g}" if isinstance(value, int | float) else "{}"
 
 
 def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
@@ -168,7 +173,7 @@ def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
 
 
 def single(kind: Any) -> Any:
-    """Type of an entry where there is a list of tables, the type itself otherwise."""
+    """Type of an entry if there is a list of tables, the type itself otherwise."""
     kind = bare(kind)
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     entries = [get_args(p)[0] if get_origin(p) is tuple else p for p in parts if p is not NoneType]
@@ -177,7 +182,7 @@ def single(kind: Any) -> Any:
 
 
 def tables_below(table: type[msgspec.Struct]) -> Iterator[type[msgspec.Struct]]:
-    """A table and all that stand in it."""
+    """A table and all tables in it."""
     yield table
     for field in msgspec.structs.fields(table):
         for part in tables_in(single(field.type)):

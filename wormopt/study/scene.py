@@ -77,7 +77,7 @@ def load_scene(
 
 
 def scene_within(folder: Path, name: str, tables: Mapping[str, Any]) -> Scene[Any]:
-    """Scene that stands as tables in another one, whose folder its file names are relative to.
+    """Scene given as tables in another one; file names are relative to the folder of the latter.
 
     Raises SceneError as `load_scene`.
     """
@@ -93,7 +93,7 @@ def _checked(file: str, name: str, folder: Path, raw: dict[str, Any]) -> Scene[A
 
 
 def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
-    """Read back what `Scene.text` gave of a scene of that kind, as a Result keeps it.
+    """Read the output of `Scene.text` of a scene of that kind, as stored in a Result.
 
     File names are relative to the folder of the packaged scenes for one of these, else to the
     current folder. Raises SceneError as `load_scene`.
@@ -118,12 +118,12 @@ def packaged_scenes() -> dict[str, Path]:
 
 
 def times_of_scenes() -> dict[str, float]:
-    """About how many seconds packaged scenes take, as it was measured once; 0 for less than one."""
+    """Measured seconds of packaged scenes, approximately; 0 for less than one."""
     return json.loads((packaged_folder() / "times.json").read_text(encoding="utf-8"))
 
 
 def packaged_folder() -> Path:
-    """Where the scenes are that come with the package: in it, or beside it in a checkout."""
+    """Folder of the packaged scenes: in the package, or beside it in a checkout."""
     package = Path(__file__).parents[1]
     inside = package / "problems"
     return inside if inside.is_dir() else package.parent / "problems"
@@ -132,7 +132,7 @@ def packaged_folder() -> Path:
 def _raw(
     source: Scene[Any] | str | Path | Mapping[str, Any],
 ) -> tuple[str, str, Path, dict[str, Any]]:
-    """What messages call a scene, its name, its folder, and its tables as they were written."""
+    """Label in messages, name, folder and raw tables of a scene."""
     if isinstance(source, Scene):
         raw = json.loads(source.text)
         raw |= {"sweep": msgspec.to_builtins(source.sweep)} if source.sweep else {}
@@ -141,7 +141,7 @@ def _raw(
         return "scene", "scene", Path(), as_toml(source)
     file = str(source)
     path = _find(file)
-    # A file name need not be valid text; results and reports must be.
+    # File names may contain invalid text; results and reports must not.
     return file, path.stem.encode(errors="replace").decode(), path.parent, _parse(file, path)
 
 
@@ -163,7 +163,7 @@ def _find(file: str) -> Path:
 
 
 def _near(path: Path) -> list[str]:
-    """TOML files beside a path that does not exist which may be meant."""
+    """TOML files beside a missing path that may be meant."""
     beside = {str(path.parent / found.name): found for found in path.parent.glob("*.toml")}
     exact = f"{path}.toml"
     return [exact] if exact in beside else get_close_matches(str(path), beside, n=1, cutoff=0.8)
@@ -177,7 +177,7 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         message = f"is not UTF-8 text (byte {error.start}); save it as UTF-8"
         if path.suffix == ".nc":
-            message = "is a result, not a scene; `wormopt show` tells what it holds"
+            message = "is a result, not a scene; `wormopt show` prints it"
     except RecursionError:
         message = "is nested too deeply"
     except ValueError as error:
@@ -188,11 +188,10 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
 def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[Study, Swept | None]:
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        what = f"{kind!r} is no kind of scene" if "kind" in raw else "missing"
         close = near(kind) if isinstance(kind, str) else ""
-        what += f'; did you mean "{close}"? Else' if close else ";"
-        allowed = ", ".join(f'"{name}"' for name in KINDS)
-        raise SceneError(file, [("kind", f"{what} write one of {allowed}")])
+        what = f"there is no kind of scene {kind!r}" if "kind" in raw else "missing"
+        hint = f'did you mean "{close}"?' if close else 'write a kind such as "gait-design";'
+        raise SceneError(file, [("kind", f"{what}; {hint} `wormopt list` shows all kinds")])
     faults: list[Fault] = []
     sweep = raw.pop("sweep", None)
     swept = None if sweep is None else read_value(sweep, Swept, "sweep", "", faults)

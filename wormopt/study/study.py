@@ -32,12 +32,12 @@ from wormopt.study.types import FOLDER, Title
 
 T = TypeVar("T")
 Names = Sequence[str]
-_PLACE = ("_name", "_folder")  # what a study knows of where it comes from
+_PLACE = ("_name", "_folder")  # attributes with the origin of a study
 
 
 @dataclass
 class _Progress:
-    """How far a study is, shared with the studies that run as part of it."""
+    """Progress of a study, shared with the studies that run as part of it."""
 
     report: Report = silent
     timings: dict[str, float] = field(default_factory=dict[str, float])
@@ -98,11 +98,13 @@ class Study(Given):
                 raise TypeError(f"{cls.__name__}.{name} is a name of Study; choose another")
         cls.members = found
         numbers = [one for one in found.values() if one.role == "scalar"]
-        cls.scalars = {name: said for one in numbers for name, said in one.declares.items()}
+        cls.scalars = {name: meant for one in numbers for name, meant in one.declares.items()}
         headline = (one.headlines or (one.reported_as,) * one.headline for one in numbers)
         cls.headline = cls.headline or tuple(chain.from_iterable(headline))
         signals = [one for one in found.values() if one.role == "array"]
-        cls.variables = {name: said for one in signals for name, said in one.declares.items()}
+        cls.variables = {
+            name: declared for one in signals for name, declared in one.declares.items()
+        }
 
     @classmethod
     def check_class(cls) -> None:
@@ -132,7 +134,7 @@ class Study(Given):
         return Scene(self.name, self.folder, self)
 
     def placed(self, name: str, folder: Path) -> None:
-        """Note the name and the folder of the scene."""
+        """Set the name and the folder of the scene."""
         vars(self).update(_name=name, _folder=folder)
 
     def vary(self, *changes: Overrides, **tables: Any) -> Self:
@@ -146,7 +148,7 @@ class Study(Given):
         return varied
 
     def wrong(self) -> Iterator[Fault]:
-        """Yield all that is wrong with keys that are right each by itself."""
+        """Yield faults between keys that are valid individually."""
         found = list(super().wrong())
         twice = sorted({word for word in self.want if self.want.count(word) > 1})
         yield from found or (("want", f'"{word}" is given twice; write it once') for word in twice)
@@ -165,11 +167,11 @@ class Study(Given):
         return vars(self).setdefault("_shared_progress", _Progress())
 
     def report(self, text: str, fraction: float | None = None) -> None:
-        """Report what is being done, and the fraction done if it is known."""
+        """Report the present step, and the fraction done if it is known."""
         self._progress.report(text, fraction)
 
     def computed(self, member: Member[Any]) -> Any:
-        """Compute a member, which is then kept. One that failed fails again in the same way.
+        """Compute and cache a member. A failed one fails again in the same way.
 
         Raises AbsentError if the study has no such member, NotComputedError in partial results.
         """
@@ -181,7 +183,7 @@ class Study(Given):
             raise NotComputedError(f"{member.name.replace('_', ' ')} was not computed")
         if isinstance(failed, Exception):
             raise failed.with_traceback(None)
-        failures.pop(member.name, None)  # what was interrupted is computed again
+        failures.pop(member.name, None)  # an interrupted one is computed again
         try:
             with self._timed(member.name) if member.role == "stage" else nullcontext():
                 self._load_imports()
@@ -199,7 +201,7 @@ class Study(Given):
 
     @contextmanager
     def _timed(self, stage: str) -> Generator[None]:
-        """Report a stage, and count its time without that of stages within it."""
+        """Report a stage, and measure its time without that of stages within it."""
         progress = self._progress
         progress.report(stage.replace("_", " "), None)
         progress.inner.append(0.0)
@@ -227,7 +229,7 @@ class Study(Given):
         return None
 
     def stopped(self) -> str:
-        """Why the study was interrupted although every stage has a result; "" if it was not."""
+        """Reason for an interruption although every stage has a result; "" if there was none."""
         return ""
 
     def unsolved(self) -> SolveError | None:
@@ -247,7 +249,7 @@ class Study(Given):
         return self._reported((), report)
 
     def only(self, *names: str, report: Report | None = None) -> Result:
-        """Compute some scalars, variables or checks, and nothing that they do not need.
+        """Compute some scalars, variables or checks, with the members that they need.
 
         The status is "unchecked", and the trust report lists the checks that were left out.
         Raises UnknownNameError for names that results of the kind never have, else as `result`.
@@ -255,23 +257,29 @@ class Study(Given):
         return self._reported(self.check_names(names), report)
 
     def check_names(self, names: Names) -> Names:
-        """Return names of results as members know them; UnknownNameError for others."""
+        """Names of results as those of members; UnknownNameError for others."""
         asked = [name.replace(" ", "_") for name in names]  # names of checks have spaces
         members = self.members.values()
         if unknown := [name for name in asked if not any(m.asked_by([name]) for m in members)]:
-            known = [name for member in members for name in member.names]
-            raise UnknownNameError(f"a study of kind {self.kind}", "result", unknown, known)
+            known = dict.fromkeys(name for member in members for name in member.names)
+            open_ = [m for m in members if m.several and m.names and not m.declared]
+            groups = ", ".join(repr(member.name) for member in open_)
+            hint = f"write {groups} for names that depend on the scene" if groups else ""
+            raise UnknownNameError(f"a study of kind {self.kind}", "result", unknown, known, hint)
         return asked
 
     def __getitem__(self, name: str) -> Any:
         """Value of a scalar or variable by its name in results."""
         reported = [one for one in self.members.values() if one.role in ("scalar", "array")]
-        for member in [one for one in reported if one.asked_by([name])] or reported:
+        asked = [one for one in reported if one.asked_by([name])]
+        for member in asked or [one for one in reported if one.several]:
             if not member.several:
                 if member.reported_as == name:
                     return _bare(getattr(self, member.name))
-            elif name in (found := getattr(self, member.name)):
-                return _bare(found[name])
+                continue
+            with nullcontext() if asked else suppress(AbsentError):
+                if name in (found := getattr(self, member.name)):
+                    return _bare(found[name])
         known = [*self.scalars, *self.variables]
         raise UnknownNameError(f"a study of kind {self.kind}", "result", [name], known)
 
@@ -304,7 +312,7 @@ class Study(Given):
         return result
 
     def forget(self) -> None:
-        """Drop what was computed, so that it is computed anew when it is asked for."""
+        """Drop cached results."""
         for name in [name for name in vars(self) if not name.startswith("_")]:
             del vars(self)[name]
 
@@ -323,7 +331,7 @@ class Study(Given):
         facts: Mapping[str, Any],
         attributes: Mapping[str, Any],
     ) -> Result:
-        """Make a result: failed where a check is, unchecked where a warning says so."""
+        """Make a result: failed if a check is, unchecked if a warning says so."""
         warned = [*self._given_warnings(), *warnings]
         status, reasons = status_of(checks, warned)
         trust = {**self.facts, **facts}
@@ -366,7 +374,7 @@ class Study(Given):
         )
 
     def unfinished(self, reason: str) -> Result:
-        """Result of the stages that are finished; arrays also of what failed stages handed over."""
+        """Result of the finished stages; arrays also of partial results of failed stages."""
         done, begun = self._closed(partials=False), self._closed(partials=True)
         return self._made(
             status="failed",
@@ -378,7 +386,7 @@ class Study(Given):
         )
 
     def _closed(self, partials: bool) -> Study:
-        """Copy that computes no stage, with what is finished and, if asked for, partial stages."""
+        """Copy that computes no stage, with finished results and, if requested, partial ones."""
         copy = msgspec.structs.replace(self)
         vars(copy).update(
             vars(self), _closed=True, _partials=partials, _failed=dict(self._failures)
@@ -397,12 +405,11 @@ class Study(Given):
         )  # fmt: skip
 
     def _given_warnings(self) -> Iterator[str]:
-        """Yield warnings about what was given."""
         yield from surprises(self, self.units)
         yield from self.file_warnings(self.folder, self.units)
 
     def _gathered(self, role: str, of: Callable[..., Iterable[T]], names: Names = ()) -> list[T]:
-        """Gather what is reported of the members of a role, but for absent and unreached ones."""
+        """Results of the members of a role, without absent and unreached ones."""
         gathered: list[T] = []
         for member in self.members.values():
             if member.role != role or (names and not member.asked_by(names)):
@@ -414,7 +421,7 @@ class Study(Given):
                 if names or not partly:
                     raise
             except Exception:
-                if not vars(self).get("_partials"):  # which need not be enough for it
+                if not vars(self).get("_partials"):  # a partial result may not be enough for it
                     raise
         return gathered
 
@@ -442,14 +449,14 @@ class Study(Given):
     def with_unit(
         self, name: str, value: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
     ) -> Scalar:
-        """Scalar of a name that the study declares, or one that is known already."""
+        """Scalar of a declared name, or a Scalar itself."""
         quantity = (self.scalars if declared is None else declared).get(name, ("",))[0]
         return value if isinstance(value, Scalar) else Scalar(value, _unit(quantity, self))
 
     def variable(
         self, name: str, values: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
     ) -> Variable:
-        """Variable of a name that the study declares, or one that is known already."""
+        """Variable of a declared name, or a variable itself."""
         if isinstance(values, Variable):
             return values
         quantity, dims, what = (self.variables if declared is None else declared)[name]
@@ -478,7 +485,7 @@ class Study(Given):
         return self._gathered("warning", of)
 
     def _worded(self, member: Member[Any], value: Any, limit: Any) -> str:
-        """Words of a check or warning with the values and units of what they name."""
+        """Words of a check or warning with values and units of the names in it."""
         return member.meaning.format_map(_Values(self, member, value, limit))
 
     def _value_of(self, path: str) -> Any:
@@ -489,7 +496,7 @@ class Study(Given):
 
 
 def status_of(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, dict[str, None]]:
-    """Status of a result by its checks and warnings, and the reasons for it."""
+    """Status of a result by its checks and warnings, with reasons."""
     failed = dict.fromkeys(check.advice for check in checks if not check.passed)
     if failed:
         return "failed", failed
@@ -504,7 +511,7 @@ TableT = TypeVar("TableT", bound=Study, covariant=True)
 
 @dataclass(frozen=True)
 class Scene(Generic[TableT]):
-    """What a user asks for: pure data.
+    """Scene: pure data.
 
     Parameters
     ----------
@@ -546,12 +553,12 @@ class Scene(Generic[TableT]):
 
     @property
     def key(self) -> str:
-        """Hash of the content: scenes that ask for the same have the same key."""
+        """Hash of the content: equal scenes have equal keys."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Numbers that are hardly meant as they stand: 300 m of link, say."""
+        """Numbers that are unlikely to be intended, such as 300 m of link."""
         return tuple(surprises(self.table, self.table.units))
 
 
@@ -580,7 +587,7 @@ class _Amount:
 
 
 class _Values(dict[str, Any]):
-    """What the fields of a message stand for."""
+    """Values of the fields of a message."""
 
     def __init__(self, study: Study, member: Member[Any], value: Any, limit: Any) -> None:
         of_member = (_Amount(study, "", one, member.quantity) for one in (value, limit))
@@ -610,7 +617,7 @@ def _has(study: type[Study], path: str) -> bool:
 
 
 def _bare(found: Any) -> Any:
-    """Value of what a member gives, without unit."""
+    """Value of a result without its unit."""
     if isinstance(found, Variable):
         return found.values
     return found.value if isinstance(found, Scalar) else found

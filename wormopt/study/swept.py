@@ -48,7 +48,7 @@ class Swept(Given):
         return self.method in ("latin-hypercube", "sobol")
 
     def faults(self) -> Iterator[Fault]:
-        """Yield what is wrong between the keys."""
+        """Yield faults between the keys."""
         if not self.over:
             yield "over", 'nothing is varied; write over."worm.load" = "1:10:10", say'
         for key, values in self.over.items():
@@ -59,8 +59,8 @@ class Swept(Given):
                 yield f"over.{key}", what
         counts = {key: _count(values) for key, values in self.over.items()}
         if self.method == "zip" and len(set(counts.values())) > 1:
-            told = ", ".join(f"{count} of {key}" for key, count in counts.items())
-            yield "over", f"zip takes as many values of every key, not {told}"
+            listed = ", ".join(f"{count} of {key}" for key, count in counts.items())
+            yield "over", f"zip takes as many values of every key, not {listed}"
         if self.method == "grid" and max(counts.values(), default=0) <= _MOST < math.prod(
             counts.values()
         ):

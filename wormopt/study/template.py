@@ -1,7 +1,7 @@
-"""A scene to begin with, for each kind: every key with what it means, as TOML with comments.
+"""Initial scene of each kind: every key with its meaning, as TOML with comments.
 
-Keys that need a value have that of a packaged scene; all others stand behind a # with the value
-they have when left out.
+Required keys have the value of a packaged scene; all others are commented out, with their default
+values.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ _SWEEP = """
 
 # Keys that `wormopt sweep` varies, and how; see docs/sweeps.md.
 #[sweep]
-#over."worm.load" = "1:10:10"  # ten values from 1 to 10; or a list: [1, 2, 5]
+#over."worm.load" = "1:10:10"  # for example; a key of this scene, and ten values or a list
 #method = "grid"  # grid, zip, latin-hypercube or sobol
-#points = 64  # how many are drawn by the last two
+#points = 64  # number of points that the last two methods draw
 #seed = 0
 """
 
 
 def template(kind: str, schema_file: str) -> str:
-    """Text of a scene of a kind; `schema_file` is where editors find its JSON Schema."""
+    """Text of a scene of a kind; `schema_file` is its JSON Schema for editors."""
     raw = _example(kind)
     page = f"`wormopt help {kind}`"
     head = [
         f"#:schema {schema_file}",
         *_comment(f'A scene of kind "{kind}": {KINDS[kind].summary}.'),
-        *_comment(f"What may stand here, and what results hold: {page}."),
+        *_comment(f"Keys and results of this kind: {page}."),
         *_comment(
             "Keys behind a # have the value shown there (... is none); drop the # to change it."
         ),
@@ -53,11 +53,11 @@ def template(kind: str, schema_file: str) -> str:
 
 
 def _example(kind: str) -> dict[str, Any]:
-    """Tables of the packaged scene of a kind that is done soonest, and is shortest, untitled."""
+    """Tables of the fastest, then shortest, packaged scene of a kind, untitled."""
     times, found = times_of_scenes(), []
     for name, path in packaged_scenes().items():
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
-        if raw["kind"] == kind and not isinstance(raw.get("model"), str):  # that is a file
+        if raw["kind"] == kind and not isinstance(raw.get("model"), str):  # a file
             found.append((times.get(name, 0), len(json.dumps(raw)), name, raw))
     raw = min(found)[-1] if found else {"schema": 1, "kind": kind}
     return {key: value for key, value in raw.items() if key != "title"}
@@ -66,7 +66,7 @@ def _example(kind: str) -> dict[str, Any]:
 def _table(
     table: type[msgspec.Struct], raw: Mapping[str, Any] | None, path: str, units: str
 ) -> Iterator[str]:
-    """Keys of a table, then the tables in it; raw is None where all of it is left out."""
+    """Keys of a table, then the tables in it; raw is None for a table that is commented out."""
     mark, below = ("#" if raw is None else ""), []
     config = table.__struct_config__
     if config.tag_field:
@@ -77,10 +77,10 @@ def _table(
         if tables and (given is None or holds_tables(given)):
             below.append((key, field, tables, given))
             continue
-        told = (
+        assigned = (
             f"#{key} = {_default(field)}" if given is None else f"{mark}{key} = {toml_value(given)}"
         )
-        yield from _line(told, _said(field.type, units))
+        yield from _line(assigned, _meaning(field.type, units))
     for key, field, tables, given in below:
         inside = f"{path}.{key}" if path else key
         yield from _tables(inside, field, tables, given, units)
@@ -89,13 +89,13 @@ def _table(
 def _tables(
     path: str, field: Any, tables: list[type[msgspec.Struct]], given: Any, units: str
 ) -> Iterator[str]:
-    """The table or tables of a key: as they are given, or behind a #."""
+    """The table or tables of a key: as given, or commented out."""
     listed = isinstance(given, list)
-    said = _said(field.type, units)
+    words = _meaning(field.type, units)
     others = _choices(tables)
     if given is None:
         yield ""
-        yield from _comment(f"{said}{f'; {others}' if others else ''}")
+        yield from _comment(f"{words}{f'; {others}' if others else ''}")
         yield f"#[{path}]"
         if not others:
             yield from _table(tables[0], None, path, units)
@@ -103,19 +103,18 @@ def _tables(
     for index, raw in enumerate(given if listed else [given]):
         yield ""
         if not index:
-            yield from _comment(f"{said}{f'; {others}' if others else ''}")
+            yield from _comment(f"{words}{f'; {others}' if others else ''}")
         yield f"[[{path}]]" if listed else f"[{path}]"
         yield from _table(_meant(raw, tables), raw, path, units)
 
 
 def _meant(raw: Mapping[str, Any], tables: list[type[msgspec.Struct]]) -> type[msgspec.Struct]:
-    """Table that a raw one is meant to be, by its tag."""
+    """Type of a raw table, by its tag."""
     tag = raw.get(tables[0].__struct_config__.tag_field or "")
     return next((table for table in tables if table.__struct_config__.tag == tag), tables[0])
 
 
 def _choices(tables: list[type[msgspec.Struct]]) -> str:
-    """Say which tables of several there are, by their tag."""
     if len(tables) == 1:
         return ""
     tags = " or ".join(toml_value(table.__struct_config__.tag) for table in tables)
@@ -123,13 +122,13 @@ def _choices(tables: list[type[msgspec.Struct]]) -> str:
 
 
 def _default(field: Any) -> str:
-    """Value of a key that is left out; where there is none, what may stand there."""
+    """Default value of a key, or a description if there is none."""
     value = default_of(field)
     return "..." if value in (None, msgspec.NODEFAULT) else toml_value(msgspec.to_builtins(value))
 
 
-def _said(kind: Any, units: str) -> str:
-    """Meaning of a key in plain text, its unit before it."""
+def _meaning(kind: Any, units: str) -> str:
+    """Meaning of a key in plain text, after its unit."""
     quantity, what = meaning(kind)
     what = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", what)
     what = re.sub(r"<sub>(.*?)</sub>", r"_\1", what)
@@ -140,19 +139,19 @@ def _said(kind: Any, units: str) -> str:
 
 
 def _is_choice(kind: Any) -> bool:
-    """Whether a key takes one of a few words, which are then named."""
+    """Whether a key takes one of a few words, which are then listed."""
     kind = bare(kind)
     parts = [part for part in get_args(kind) if part is not NoneType]
     return len(parts) > 1 and all(isinstance(part, str) for part in parts)
 
 
-def _line(key: str, said: str) -> Iterator[str]:
-    """A key and what it means: beside it where there is room, else above."""
-    beside = f"{key}  # {said}"
-    if not said or len(beside) <= _WIDTH:
-        yield beside if said else key
+def _line(key: str, words: str) -> Iterator[str]:
+    """A key and its words: beside it if there is room, else above."""
+    beside = f"{key}  # {words}"
+    if not words or len(beside) <= _WIDTH:
+        yield beside if words else key
         return
-    yield from _comment(said)
+    yield from _comment(words)
     yield key
 
 

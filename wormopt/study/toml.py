@@ -1,4 +1,4 @@
-"""Tables and values of a scene as TOML, to be read and saved."""
+"""Tables and values of a scene as TOML."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any
 def toml_text(table: Mapping[str, Any]) -> str:
     """Write a table: its own keys first, then its tables and lists of tables.
 
-    Keys without a value are left out; a list holds none.
+    Keys without a value are left out; lists contain no such values.
     """
-    return "\n".join(_lines(_told(table), "")).strip() + "\n"
+    return "\n".join(_lines(_without_none(table), "")).strip() + "\n"
 
 
-def _told(value: Any) -> Any:
+def _without_none(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _told(item) for key, item in value.items() if item is not None}
-    return [_told(item) for item in value] if isinstance(value, list) else value
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list) else value
 
 
 def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
@@ -34,7 +34,7 @@ def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
 
 
 def holds_tables(value: Any) -> bool:
-    """Whether a value is a table, or a list of nothing else."""
+    """Whether a value is a table, or a list of tables only."""
     listed = value if isinstance(value, list) else [value]
     return bool(listed) and all(isinstance(item, Mapping) for item in listed)
 
@@ -44,10 +44,10 @@ def _key(key: str) -> str:
 
 
 def toml_value(value: Any) -> str:
-    """Write a value that stands behind its key."""
+    """Format a value after its key."""
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(toml_value, value))}]"
     if isinstance(value, Mapping):
         return f"{{{', '.join(f'{_key(k)} = {toml_value(v)}' for k, v in value.items())}}}"
-    # JSON writes numbers, truth values and texts as TOML reads them, but for one letter
+    # JSON writes numbers, booleans and texts as TOML reads them, except for one letter
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

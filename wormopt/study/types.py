@@ -1,7 +1,7 @@
 """Types of scene values.
 
-Each type carries a description in plain words: it is what a message tells the user to write.
-No number may be NaN or infinite, which the bounds of `_LARGEST` see to.
+Each type has a description, with which a message tells the user what to write. No number may be
+NaN or infinite; the bounds `_LARGEST` exclude them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from wormopt.errors import Fault
 from wormopt.model.given import per as per
 
 FOLDER: ContextVar[Path] = ContextVar("folder")
-"""Folder of the scene that is being read."""
+"""Folder of the scene being read."""
 
 
 _LARGEST = sys.float_info.max
@@ -89,14 +89,14 @@ FinitePerMass = Annotated[
 ]
 Seed = Annotated[int, Meta(ge=0, le=2**32 - 1, description="a whole number from 0 to 4294967295")]
 
-# Control characters are refused: files and terminals mangle them.
+# Control characters are refused: files and terminals corrupt them.
 Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quotes, on one line")]
 
 
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool) -> Iterator[Fault]:
     """Yield a fault if a range [smallest, largest] is reversed or empty.
 
-    With `may_be_equal` a range of one point is fine.
+    With `may_be_equal` a single point is allowed.
     """
     smallest, largest = pair
     if smallest > largest or (smallest == largest and not may_be_equal):

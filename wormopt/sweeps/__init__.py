@@ -1,1 +1,1 @@
-"""Many scenes that differ in a few keys: which they are, what is kept of each, and all of them."""
+"""Sweeps of scenes that differ in a few keys: points, stored results, and the whole."""

@@ -1,4 +1,4 @@
-"""Which scenes a sweep asks for: values of its keys, combined or drawn."""
+"""Points of a sweep: combinations of key values, or random ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from wormopt.study.swept import RANGE, Swept
 
 Point = Mapping[str, Any]
-"""Key -> value as a scene says it."""
+"""Key -> value as in a scene."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Plan:
 
     @property
     def is_grid(self) -> bool:
-        """Whether every key has a dimension of its own."""
+        """Whether every key has its own dimension."""
         return len(self.shape) == len(self.keys) and math.prod(self.shape) == len(self.points)
 
     @property
@@ -37,13 +37,13 @@ class Plan:
 
 
 def dim_of(key: str) -> str:
-    """Name of the variable that holds the values of a key."""
+    """Name of the dimension of a key's values."""
     name = re.sub(r"[^A-Za-z0-9]+", "_", key).strip("_")
     return name if name[:1].isalpha() else f"key_{name}"
 
 
 def plan(table: Swept) -> Plan:
-    """Find the points that a valid table asks for."""
+    """Points of a valid table."""
     keys = tuple(table.over)
     if table.drawn:
         rows = _drawn(table)
@@ -68,7 +68,7 @@ def _values(values: str | Sequence[Any]) -> list[Any]:
 
 
 def _with_unit(value: float, unit: str | None) -> Any:
-    """Fifteen digits: 0.3, and not 0.30000000000000004, is what was meant."""
+    """Round to fifteen digits: 0.3, not 0.30000000000000004."""
     value = float(f"{value:.15g}")
     return f"{value!r} {unit.strip()}" if unit else value
 

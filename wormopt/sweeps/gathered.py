@@ -1,4 +1,4 @@
-"""All points of a sweep as one Result, over the keys that were varied."""
+"""All points of a sweep as one Result, over the keys that vary."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 STATUS = get_args(Status)
 """Names of the numbers in the variable ``status``."""
 NUMBERED = tuple(map(STATUS.index, ("ok", "unchecked")))
-"""Numbers of the points whose scalars count."""
+"""Status numbers of the points with valid scalars."""
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(\.\d+)?(e[-+]?\d+)?")
-# So many reasons, warnings and failed checks stand in the trust report, the most frequent first.
+# Most reasons, warnings and failed checks in the trust report, the most frequent first.
 _MOST = 10
 
 
@@ -54,7 +54,7 @@ def gathered(
                  "time that it took"),
     ]  # fmt: skip
     table = base.table
-    # what was asked for comes first
+    # requested results first
     first = {name: table.scalars[name] for name in table.headline if name in table.scalars}
     arrays, lists = _scalars(records, asked, first | dict(table.scalars))
     counts = Counter(record.status for record in records)
@@ -81,6 +81,7 @@ def gathered(
                 for key, dim in zip(asked.keys, map(dim_of, asked.keys), strict=True)
             ],
             "numbers": [v.name for v in arrays if v.dims == asked.dims],
+            "series": [v.name for v in arrays if v.dims[:-1] == asked.dims],
             "points": list(files),
             "reasons": [record.reason for record in records],
             "lists": lists,
@@ -89,7 +90,7 @@ def gathered(
 
 
 def _axis(key: str, asked: Plan, tables: Sequence[Any], base: Scene[Any]) -> list[Any]:
-    """Values of a key as scenes hold them, numbers without units; along its own dimension."""
+    """Values of a key, numbers without units; along its own dimension."""
     values = [
         _plain(point[key], key, base) if table is None else _value_at(table, key)
         for point, table in zip(asked.points, tables, strict=True)
@@ -99,13 +100,13 @@ def _axis(key: str, asked: Plan, tables: Sequence[Any], base: Scene[Any]) -> lis
     axis = asked.keys.index(key)
     index = np.moveaxis(np.arange(len(values)).reshape(asked.shape), axis, 0)
     refused = [table is None for table in tables]
-    # a value may be told by any scene that was not refused
+    # any valid scene may show a value
     best = [min(row.ravel().tolist(), key=refused.__getitem__) for row in index]
     return [values[k] for k in best]
 
 
 def _plain(value: Any, key: str, base: Scene[Any]) -> Any:
-    """Value of a point that was refused, without its unit where that can be read."""
+    """Value of a refused point, without its unit if that can be read."""
     if not isinstance(value, str) or not has_unit(value):
         return value
     try:
@@ -128,16 +129,16 @@ def _coordinates(
     for key, (dim, values) in zip(asked.keys, axes.items(), strict=True):
         numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
         unit = unit_of(quantity_of(type(base.table), key) or "1", base.table.units)
-        told = key if numbers else f"{key}: " + ", ".join(f"{k} {v}" for k, v in enumerate(values))
+        what = key if numbers else f"{key}: " + ", ".join(f"{k} {v}" for k, v in enumerate(values))
         shown = np.array(values, float) if numbers else np.arange(len(values))
         dims = (dim,) if asked.is_grid else asked.dims
-        yield Variable(dim, unit if numbers else "1", dims, shown, told)
+        yield Variable(dim, unit if numbers else "1", dims, shown, what)
 
 
 def _scalars(
     records: Sequence[Record], asked: Plan, declared: Mapping[str, tuple[str, str]]
 ) -> tuple[list[Variable], dict[str, list[Any]]]:
-    """Numbers, and lists of numbers that are all equally long, as arrays; others as they are."""
+    """Numbers and lists of equal lengths as arrays; others unchanged."""
     names = dict.fromkeys(n for n in declared if any(n in r.scalars for r in records))
     names |= dict.fromkeys(name for record in records for name in record.scalars)
     arrays, lists = [], {}
@@ -159,7 +160,7 @@ def _scalars(
 
 
 def _array(values: Sequence[Any]) -> np.ndarray | None:
-    """Numbers as an array, NaN where there is none; None for texts and ragged lists."""
+    """Numbers as an array, NaN for missing ones; None for texts and ragged lists."""
     given = [value for value in values if value is not None]
     try:
         shapes = {np.shape(np.array(value, float)) for value in given}
@@ -178,7 +179,7 @@ def _shaped(values: Sequence[float], asked: Plan) -> np.ndarray:
 
 
 def _alike(reasons: Iterable[str]) -> Counter[str]:
-    """How often each reason stands; those that differ by numbers alone are one, without them."""
+    """Frequencies of reasons; those that differ only in numbers are merged, without these."""
     found: dict[str, list[str]] = {}
     for reason in reasons:
         found.setdefault(_NUMBER.sub("…", reason), []).append(reason)
@@ -186,7 +187,7 @@ def _alike(reasons: Iterable[str]) -> Counter[str]:
 
 
 def _trust(records: Sequence[Record]) -> dict[str, Any]:
-    """What is told of how many points."""
+    """Messages with numbers of points."""
     checks = [r.trust.get("checks", {}) for r in records]
     poor = Counter(name for found in checks for name, c in found.items() if not c["passed"])
     warned = Counter(text for r in records for text in r.trust.get("warnings", ()))
@@ -201,7 +202,7 @@ def _trust(records: Sequence[Record]) -> dict[str, Any]:
 
 
 def as_typed(result: Result) -> Result:
-    """Give a sweep with its angles in degrees where they were typed so."""
+    """Convert angles of a sweep to degrees if the scene had degrees."""
     typed = json.loads(result.scene_text or "{}").get("sweep", {}).get("over", {})
     axes, variables = [], {variable.name: variable for variable in result.variables}
     for axis in result.attributes["axes"]:
@@ -226,7 +227,7 @@ def everywhere(result: Result, dim: str, values: np.ndarray) -> np.ndarray:
 
 
 def as_csv(result: Result) -> str:
-    """Table of a sweep: a row for every point, with units in the heading."""
+    """Table of a sweep: a row for every point, with units in the header."""
     columns = _columns(result)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -236,7 +237,7 @@ def as_csv(result: Result) -> str:
 
 
 def dataframe(result: Result) -> pandas.DataFrame:
-    """The same as a pandas.DataFrame, with units in ``attrs["units"]``."""
+    """Table of a sweep as a pandas.DataFrame, with units in ``attrs["units"]``."""
     pandas = optional("pandas")
     columns = _columns(result)
     frame = pandas.DataFrame({name: values for name, (_, values) in columns.items()})
@@ -245,7 +246,7 @@ def dataframe(result: Result) -> pandas.DataFrame:
 
 
 def _columns(result: Result) -> dict[str, tuple[str, list[Any]]]:
-    """Unit, or none, and one value for each point: of swept keys, and of what was found."""
+    """Unit, or none, and one value for each point: of swept keys and of results."""
 
     def column(unit: str, values: Any) -> tuple[str, list[Any]]:
         return "" if unit == "1" else unit, np.asarray(values, object).ravel().tolist()

@@ -1,4 +1,4 @@
-"""Picture of a sweep: numbers over the keys that were varied."""
+"""Picture of a sweep: results over the keys that vary."""
 
 from __future__ import annotations
 
@@ -10,36 +10,40 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from wormopt.plotting.parts import GREY, LINKS, RED, label, narrow, sheet
+from wormopt.plotting.parts import GREY, LINKS, RED, label, legend, narrow, sheet
 from wormopt.result import Result
 from wormopt.sweeps.gathered import NUMBERED, as_typed, everywhere
 
-# So many numbers are shown where none were asked for.
+# Number of results shown by default.
 _MOST = 4
 _LOST: dict[str, Any] = {"hatch": "////", "facecolor": "#F2F2F2", "edgecolor": GREY, "linewidth": 0}
 
 
 def sweep(result: Result) -> Figure:
-    """Maps over two keys, lines over one, and points over each where there are more."""
+    """Maps over two keys, lines over one, and points over each where there are more.
+
+    Lists of numbers, such as one number per tracker, are lines or points in one panel.
+    """
     result = as_typed(result)
     names = shown(result)
     axes = result.attributes["axes"]
     grid = len(axes) == len(result["status"].dims)
-    if grid and len(axes) == 2:
+    if grid and len(axes) == 2 and all(name in result.attributes["numbers"] for name in names):
         return _maps(result, names, [axis["dim"] for axis in axes])
     return _columns(result, names, [axis["dim"] for axis in axes], lines=grid and len(axes) == 1)
 
 
 def shown(result: Result) -> list[str]:
-    """Numbers that were asked for, or the first ones of the kind that vary, none of them twice."""
+    """Requested results, or the first varying ones of the kind, without duplicates."""
     asked = result.attributes.get("shown")
     if asked:
         return list(asked)
     first, unlike = result.attributes["numbers"], dict[bytes, str]()
+    first = first or result.attributes.get("series", [])
     for name in first:
         if _varies(result[name].values):
             unlike.setdefault(result[name].values.tobytes(), name)
-    return [*unlike.values()][:_MOST] or first[:1]
+    return [*unlike.values()][:_MOST] or first[:1] or ["status"]
 
 
 def _varies(values: np.ndarray) -> bool:
@@ -74,15 +78,20 @@ def _mark_lost(axes: Axes, x: np.ndarray, y: np.ndarray, lost: np.ndarray) -> No
 
 
 def _columns(result: Result, names: list[str], dims: list[str], lines: bool) -> Figure:
-    """A column for every key, a row for every number."""
+    """A column for every key, a row for every result."""
     figure = sheet(max(4.2 * len(dims), 6.4), 2.3 * len(names) + 0.6)
     panels: Any = figure.subplots(len(names), len(dims), squeeze=False, sharex="col", sharey="row")
     lost = ~np.isin(result["status"].values.ravel(), NUMBERED)
     for j, dim in enumerate(dims):
         at = everywhere(result, dim, result[dim].values)
         for i, name in enumerate(names):
-            axes, values = panels[i, j], np.where(lost, np.nan, result[name].values.ravel())
-            axes.plot(at, values, "o-" if lines else "o", color=LINKS[0], markersize=4)
+            axes, series = panels[i, j], result[name].values.reshape(lost.size, -1).T
+            for entry, values in enumerate(series):
+                colour, named = LINKS[entry % len(LINKS)], f"entry {entry}"
+                axes.plot(at, np.where(lost, np.nan, values), "o-" if lines else "o",
+                          color=colour, markersize=4, label=named)  # fmt: skip
+            if len(series) > 1 and j == len(dims) - 1:
+                legend(axes)
             for k in np.flatnonzero(lost):
                 axes.plot(at[k], 0.02, "x", color=RED, transform=axes.get_xaxis_transform())
             if j == 0:
@@ -97,7 +106,7 @@ def _named(result: Result, name: str) -> str:
 
 
 def _scale(axes: Axes, which: str, result: Result, dim: str) -> None:
-    """Label an axis by its key; texts stand as they are, equal ratios on a logarithmic scale."""
+    """Label an axis by its key; texts are unchanged, equal ratios get a logarithmic scale."""
     (axis,) = (axis for axis in result.attributes["axes"] if axis["dim"] == dim)
     values = result[dim].values
     getattr(axes, f"set_{which}label")(label(axis["key"], result[dim].unit))
@@ -117,7 +126,7 @@ def _is_geometric(values: np.ndarray) -> bool:
 
 
 def _edges(values: np.ndarray) -> np.ndarray:
-    """Borders of cells round ascending or descending values, half way between them."""
+    """Borders of cells around ascending or descending values, half way between them."""
     if len(values) == 1:
         half = 0.5 * abs(values[0]) or 0.5
         return np.array([values[0] - half, values[0] + half])

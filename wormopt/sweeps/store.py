@@ -1,8 +1,8 @@
-"""Results of single points, each kept in a file that is named by what was asked for.
+"""Results of single points, each in a file named by a hash of its input.
 
-A file appears when its point is done, and not before. Whoever is at work on a point holds a lock,
-which the system takes away when the process dies: several processes, and machines that share the
-folder, never compute a point twice.
+A file appears when its point is done. The process that computes a point holds a lock, which the
+system releases when the process dies: several processes, and machines that share the folder,
+never compute a point twice.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ Keep = Literal["results", "scalars"]
 Status = Literal["ok", "failed", "refused", "not computed", "unchecked"]
 _JOURNAL = "journal.txt"
 _HEAD = "made by wormopt: time, machine, process, point, seconds\n"
-# A point at which so many processes of one sweep died is not tried again.
+# Number of processes of one sweep that may die at a point before it fails.
 _TRIES = 3
 
 
 @dataclass(frozen=True)
 class Record:
-    """What a sweep keeps in mind of a point."""
+    """Record of a point in memory."""
 
     status: Status
     reason: str = ""
@@ -53,19 +53,19 @@ class Record:
 
 @dataclass(frozen=True)
 class Job:
-    """A point that is asked for."""
+    """A requested point."""
 
     scene: Scene[Any]
     file: Path
     keep: Keep
-    sweep: str  # which one asks
-    code: str  # hash of the code that is to compute it
+    sweep: str  # that requests it
+    code: str  # hash of the code to compute it
 
 
 def key_of(scene: Scene[Any], seen: dict[str, bytes] | None = None) -> str:
-    """Hash of all that the result of a scene hangs on: its keys, the code, files that it names.
+    """Hash of everything that the result of a scene depends on: keys, code and named files.
 
-    `seen` holds hashes of these files, by what the scene says, where they are not read again.
+    `seen` contains known hashes of these files, by the names in the scene.
     """
     seen = {} if seen is None else seen
     asked = msgspec.to_builtins(scene.table)
@@ -85,13 +85,13 @@ def code_of(scene: Scene[Any]) -> str:
     return code_key(type(scene.table).__module__)
 
 
-def told(error: SceneError) -> str:
-    """Say on one line what is wrong with a scene."""
+def faults_of(error: SceneError) -> str:
+    """Describe the faults of a scene on one line."""
     return "; ".join(f"{key}: {what}" if key else what for key, what in error.faults)
 
 
 def open_store(folder: Path) -> None:
-    """Have a store there; OutputError if it cannot be, or if what stands there is none."""
+    """Make or open a store; OutputError if that is impossible, or the folder is no store."""
     journal = folder / _JOURNAL
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -110,7 +110,7 @@ def open_store(folder: Path) -> None:
 
 
 def read(file: Path, keep: Keep) -> Record | None:
-    """Read back what is known of a point; None where there is no such result, or a damaged one."""
+    """Read the result of a point; None if it is missing or damaged."""
     try:
         result = Result.load(file)
     except (OSError, ValueError):
@@ -120,7 +120,7 @@ def read(file: Path, keep: Keep) -> Record | None:
 
 
 def compute(job: Job) -> Record | None:
-    """Compute a point, unless it is known; None where another process is at it."""
+    """Compute a point, unless it is known; None if another process is computing it."""
     found = read(job.file, job.keep)
     if found is not None:
         return found
@@ -129,8 +129,8 @@ def compute(job: Job) -> Record | None:
         with FileLock(lock, timeout=0):
             found = read(job.file, job.keep) or _compute(job, tries)
             tries.unlink(missing_ok=True)
-            if sys.platform != "win32":  # where nobody can remove it while it is open
-                lock.unlink(missing_ok=True)  # whoever holds the old one finds the result
+            if sys.platform != "win32":  # where open files cannot be removed
+                lock.unlink(missing_ok=True)  # the process with the old lock finds the result
             return found
     except Timeout:
         return None
@@ -147,8 +147,8 @@ def _compute(job: Job, tries: Path) -> Record:
         result = attempt(job.scene) if times == 1 else alone(attempt, job.scene)
     except BrokenExecutor:
         return Record("failed", "the process that computes it died")
-    except SceneError as error:  # what only the study sees
-        found = job.scene.table.unfinished(told(error))
+    except SceneError as error:  # faults that only the study detects
+        found = job.scene.table.unfinished(faults_of(error))
         result = replace(found, attributes={"refused": True})
     except Exception as error:  # a defect in one point must not cost the others
         return Record("failed", f"{type(error).__name__}: {error}; please report this")
@@ -174,7 +174,7 @@ def _kept(job: Job, result: Result) -> Record:
 
 
 def _tried(job: Job, tries: Path) -> int:
-    """How often this sweep has begun the point, this time included."""
+    """How often this sweep has started the point, including now."""
     with tries.open("a+", encoding="utf-8", errors="replace") as file:
         file.write(f"{job.sweep}\n")
         file.seek(0)
@@ -198,10 +198,10 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _named(text: str, folder: Path) -> list[Path]:
-    """Files that a text names, relative to a folder."""
+    """Files named by a text, relative to a folder."""
     try:
         named = folder / text
         own = folder / text.rpartition(":")[0]  # of "model.py:function"
         return [path for path in (named, named / "result.nc", own) if path.is_file()]
-    except (OSError, ValueError):  # no name that a file could have
+    except (OSError, ValueError):  # not a valid file name
         return []

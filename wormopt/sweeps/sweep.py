@@ -32,15 +32,15 @@ from wormopt.sweeps.store import (
     Record,
     code_of,
     compute,
+    faults_of,
     key_of,
     open_store,
     read,
-    told,
 )  # fmt: skip
 
-# Seconds between looks at points that another process has in hand.
+# Seconds between checks of points that another process computes.
 _PATIENCE = 1.0
-# Progress through what is done fast is told of every so many points.
+# For fast steps, number of points between reports.
 _SELDOM = 1000
 T = TypeVar("T")
 
@@ -82,7 +82,7 @@ def sweep(
     engine : Engine, optional
         Where points are computed; processes of this machine if left out.
     report : callable
-        Is told how far the sweep is, see `wormopt.progress`.
+        Gets the progress of the sweep, see `wormopt.progress`.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def sweep(
 
 
 def _store(folder: str | Path | None) -> AbstractContextManager[str]:
-    # workers that were ended may still have a file of it open, which Windows does not remove
+    # terminated workers may still have a file open, which Windows does not remove
     if folder is None:
         return TemporaryDirectory(ignore_cleanup_errors=True)
     return nullcontext(os.fspath(folder))
@@ -147,14 +147,14 @@ def _read(name: str, raw: dict[str, Any]) -> Swept:
 
 
 def _listed(values: Any) -> Any:
-    """Take arrays, ranges and tuples for lists."""
+    """Convert arrays, ranges and tuples to lists."""
     if isinstance(values, np.ndarray):
         return values.tolist()
     return list(values) if isinstance(values, tuple | range) else values
 
 
 class _Sweep:
-    """Points of a sweep, and what is known of them so far."""
+    """Points of a sweep with results so far."""
 
     def __init__(
         self, base: Scene[Any], asked: Plan, store: Path, keep: Keep, report: Report
@@ -162,7 +162,7 @@ class _Sweep:
         self._base, self._plan, self._store, self._report = base, asked, store, report
         self._keep: Keep = keep
         self._records: dict[str, Record] = {}  # by key
-        self._computed = self._poor = 0  # here and now; without an accepted result
+        self._computed = self._poor = 0  # by this process; without an accepted result
         self._scenes: list[Scene[Any] | Record] = []
         self._keys: list[str] = []
         files: dict[str, bytes] = {}
@@ -171,10 +171,10 @@ class _Sweep:
             self._scenes.append(scene)
             self._keys.append("" if isinstance(scene, Record) else key_of(scene, files))
         if not any(self._keys):
-            load_scene(base, asked.points[0])  # raises what is wrong
+            load_scene(base, asked.points[0])  # raises the faults
 
     def _followed(self, items: Iterable[T], what: str) -> Iterator[T]:
-        """Say of every so many points what has been done to them."""
+        """Report progress after every so many points."""
         total = len(self._plan.points)
         for k, item in enumerate(items):
             if k % _SELDOM == 0:
@@ -185,10 +185,10 @@ class _Sweep:
         try:
             return load_scene(replace(self._base, sweep=None), point)
         except SceneError as error:
-            return Record("refused", told(error))
+            return Record("refused", faults_of(error))
 
     def compute(self) -> None:
-        """Compute what is not known, in rounds: another process may have a point in hand."""
+        """Compute missing points, in rounds: another process may be computing a point."""
         todo = self._todo()
         name, code = secrets.token_hex(8), code_of(self._base)
         with Workers() as workers:
@@ -205,7 +205,7 @@ class _Sweep:
                     time.sleep(_PATIENCE)
 
     def _todo(self) -> list[tuple[str, Scene[Any]]]:
-        """Points that nothing is known of, each once."""
+        """Points without results, without duplicates."""
         there = {file.name for file in self._store.glob("*.nc")} if self._store.is_dir() else set()
         todo = {}
         for key, scene in self._followed(zip(self._keys, self._scenes, strict=True), "looked up"):
@@ -232,9 +232,9 @@ class _Sweep:
         self._report(f"{done} of {total} points{poor}", done / total)
 
     def result(self, store: str | Path | None, interrupted: bool = False) -> Result:
-        """Gather all points, those that are not known too."""
+        """Collect all points, also those without results."""
         if interrupted:
-            self._todo()  # workers may have kept what they did not tell any more
+            self._todo()  # workers may have stored results without returning them
         records = [
             scene if isinstance(scene, Record) else self._records.get(key, Record("not computed"))
             for key, scene in zip(self._keys, self._scenes, strict=True)
@@ -254,7 +254,7 @@ class _Sweep:
 
 
 def _unchecked(records: Sequence[Record]) -> str:
-    """How many points are unchecked, and the reason that most of them give."""
+    """Number of unchecked points, and their most frequent reason."""
     reasons = Counter(record.reason for record in records if record.status == "unchecked")
     why, _ = reasons.most_common(1)[0]
     return f"{reasons.total()} of {len(records)} points are unchecked: {why}"

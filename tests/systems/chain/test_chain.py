@@ -1,7 +1,7 @@
 """The chain (8)-(12) against equations written by hand, Newton's laws and its energy balance."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, get_args
 
 import casadi as ca
 import numpy as np
@@ -12,9 +12,12 @@ from hypothesis import strategies as st
 
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck
+from wormopt.model.given import fields_of
 from wormopt.model.model import Model, pack
 from wormopt.model.path import ParameterPath
 from wormopt.systems.chain.build import chain
+from wormopt.systems.chain.loops import law_of
+from wormopt.systems.chain.tables import Friction
 
 seeds = st.integers(0, 10**6)
 NUMBERS: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
@@ -229,6 +232,13 @@ def instructions(links: int) -> int:
     return ca.Function("f", symbols, [model.ode, *outputs]).n_instructions()
 
 
+@pytest.mark.parametrize("table", get_args(Friction))
+def test_every_friction_table_makes_a_law_with_its_numbers(table: Any):
+    numbers = {name: k + 1.0 for k, name in enumerate(table.__struct_fields__)}
+    law = law_of(table(**numbers))
+    assert fields_of(law) == numbers
+
+
 def test_work_grows_linearly_with_the_links():
     counts = np.array([instructions(n) for n in (250, 500, 1000)])
     assert counts[2] - counts[1] == 2 * (counts[1] - counts[0])
@@ -251,9 +261,9 @@ def test_work_grows_linearly_with_the_links():
         (lambda: worm(2, law="coulomb"), "law contains 'coulomb', which is not a friction law"),  # type: ignore[arg-type]
         (lambda: worm(2, law=Spike), "law contains <class .*, which is not a friction law"),  # type: ignore[arg-type]
         (
-            lambda: worm(2, law=[Spike(), Spike(), 3.0]),
+            lambda: worm(2, law=[Spike(), Spike(), 3.0]),  # type: ignore[arg-type]
             r"law contains 3\.0, which is not a friction law",
-        ),  # type: ignore[arg-type]
+        ),
         (lambda: worm(2, law=[Spike()]), "law has 1 entries; give one law, or 3"),
         (
             lambda: worm(2, damping=ParameterPath(np.array([0.0, 1.0]), np.ones((1, 3, 1)))),

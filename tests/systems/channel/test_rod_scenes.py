@@ -33,7 +33,7 @@ from wormopt.systems.channel.rod_model import (
     magnetic_strength,
     switched_blocks,
 )
-from wormopt.systems.channel.rod_motion import RodMotion
+from wormopt.systems.channel.rod_motion import RodMotion, Switching
 from wormopt.systems.channel.tables import Channel, Course, Mesh, Worm
 
 MU0 = 4e-7 * np.pi
@@ -232,7 +232,7 @@ def test_compass_seldom_takes_noise_for_a_gain():
 def case(rate: float = 50.0, **tables: dict[str, Any]) -> RodMotion:
     """A coarse rod, simulated for a short time."""
     coarse = {"mesh": {"elements": 10, "degree": 1}, "time": {"cycles": 4, "end": 0.05}}
-    plain = RodMotion(units="SI", switching={"frequency": rate})
+    plain = RodMotion(units="SI", switching=Switching(frequency=rate))
     return plain.varied(**(coarse | tables))
 
 
@@ -578,7 +578,7 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching(
         units="SI",
         worm=Worm(length=0.2, diameter=1e-3, damping_time=5e-4),
         channel=Channel(diameter=5e-3, friction=friction),
-        switching={"every": 5, "frequency": 5.0},
+        switching=Switching(every=5, frequency=5.0),
         mesh=Mesh(elements=50),
         time=Course(cycles=5, end=0.1, settle=0.25),
     )

@@ -33,10 +33,12 @@ from wormopt.systems.film.next_order import (
 )
 from wormopt.systems.film.shapes import FourierWave
 
+Function: Any = sp.Function  # its types do not say that it makes functions
+
 # -- derived ---------------------------------------------------------------------------------------
 
 x, z, C, change = sp.symbols("x z C change")
-h = sp.Function("h")(x)
+h = Function("h")(x)
 SLOPE, BEND = sp.diff(h, x), sp.diff(h, x, 2)
 
 

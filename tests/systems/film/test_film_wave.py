@@ -470,7 +470,7 @@ def test_aims_that_cannot_be_are_refused():
         ("limits.field=0", "limits.field", "above 0"),
         ("limits.gradient=-1", "limits.gradient", "above 0"),
         ("limits={thickness=[0.5, 1.5]}", "limits.field", "missing"),
-        ("objective={}", "objective", "nothing is sought, or two things are"),
+        ("objective={}", "objective", "no objective or two are given"),
         ('objective={minimise="field"}', "objective", "the least field makes no wave"),
         ('objective={minimise="field", mean_flow=0.3}', "limits.field", "leave it out"),
         ('objective={maximise="mean_flow", mean_flow=0.3}', "objective.mean_flow", "leave it out"),

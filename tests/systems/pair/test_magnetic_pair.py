@@ -15,12 +15,12 @@ from wormopt.analysis.average import average
 from wormopt.analysis.steady import Rates, steady_states
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.model.friction import Coulomb
+from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.numerics.newton import newton
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.pair.averaged import averaged_pair, steady_pair
-from wormopt.systems.pair.exact import magnetic_pair
+from wormopt.systems.pair.exact import magnetic_pair, scaled_law
 from wormopt.systems.pair.slow import from_slow, slow_pair
 
 NATURAL = math.sqrt(2)
@@ -35,6 +35,20 @@ def numbers(eps: float) -> dict[str, object]:
         "push": eps,
         "frequency": NATURAL + 0.5 * eps,
     }
+
+
+@pytest.mark.parametrize(
+    "law", [Coulomb(1.0, 2.0, 1.5), Stribeck(1.0, 2.0, 1.5, 4.0, 0.3), Viscous(2.0), Spike(3.0)]
+)
+def test_a_scaled_law_has_scaled_forces_at_scaled_velocities(law: Law):
+    push, speed, v, width = 0.5, 4.0, 0.25, 0.125  # powers of two
+    scaled = scaled_law(law, push, speed)
+    assert scaled.stick_interval == tuple(push * force for force in law.stick_interval)
+    for way in law.directions:
+        force = push * float(law.slip_force(way * v, way))
+        assert float(scaled.slip_force(speed * way * v, way)) == pytest.approx(force, rel=1e-14)
+    smooth = push * float(law.smooth(-v, width))
+    assert float(scaled.smooth(-speed * v, speed * width)) == pytest.approx(smooth, rel=1e-14)
 
 
 @cache

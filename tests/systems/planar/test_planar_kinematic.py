@@ -294,10 +294,10 @@ def test_spikes_slide_ahead_alone_and_hold_against_the_back_alone():
     pull = Constraints(pins=(0,), skids=(2,), spikes=(0, 2))
     there = Polygon([[1.0, 1.0, 0.0], [1.3, 1.2, 0.0]])
     good = kinematic_motion(WORM, there, [Phase(0.5, hold), Phase(1.0, pull)])
-    margins = spike_margins(good, loads(good, LAW))
-    assert margins.slip > 0
-    assert margins.pull > 0
+    speed, force = spike_margins(good, loads(good, LAW))
+    assert speed > 0
+    assert force > 0
     bad = kinematic_motion(WORM, there, [Phase(0.5, pull), Phase(1.0, hold)])
-    margins = spike_margins(bad, loads(bad, LAW))
-    assert margins.slip < 0
-    assert margins.pull < 0
+    speed, force = spike_margins(bad, loads(bad, LAW))
+    assert speed < 0
+    assert force < 0

@@ -35,7 +35,7 @@ def nudged(task: GaitProblem, rng: np.random.Generator) -> GaitProblem:
     def off(value):
         if isinstance(value, tuple):
             return tuple(map(off, value))
-        if not isinstance(value, float):
+        if not isinstance(value, float) or value == 0:
             return value
         return value + int(rng.integers(-4, 5)) * float(np.spacing(value))
 

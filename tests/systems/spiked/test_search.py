@@ -11,12 +11,14 @@ from g1_worm import G1, G1_LIMITS, G1_ORDER, G1_WORM, OWN
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from judged import check
+from msgspec.structs import fields, replace
 
 from tests.benchmarks.design_cases import draw, task_of
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.progress import silent
 from wormopt.runner import attempt
 from wormopt.study import load_scene
+from wormopt.study.given import said_of
 from wormopt.systems.shared.sequences import (
     Sequence_,
     canonical,
@@ -35,9 +37,10 @@ from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.programs.program import WaveProgram
 from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
-from wormopt.systems.spiked.search.orders import first_orders, letters_of
+from wormopt.systems.spiked.search.orders import first_orders, is_mirror_symmetric, letters_of
 from wormopt.systems.spiked.search.search import Race, Start
 
 
@@ -118,6 +121,24 @@ orders = st.sampled_from([((0,), (2,)), G1_ORDER, ((0,), (1,), (2,))])
 some = st.floats(0.5, 2.0)
 
 three, two = st.tuples(some, some, some), st.tuples(some, some)
+
+
+PARTS = {"links": 2, "masses": 3}
+EACH = {f.name: PARTS[per] for f in fields(Limits) if (per := said_of(f.type).get("per")) in PARTS}
+
+
+@pytest.mark.parametrize("name", EACH)
+def test_a_limit_of_its_own_at_the_head_is_no_symmetry(name: str):
+    alike = Limits(1.0, (0.7, 1.3), rate=1.0, acceleration=1e4)
+
+    def symmetries(limits: Limits) -> tuple[bool, bool]:
+        task = GaitProblem(Worm(2, load=5.0), limits)
+        wave = WaveProgram(task, ((2,), (1,), (0,)), (1.0, 1.0))
+        return is_mirror_symmetric(task), wave._uniform
+
+    same = (20.0,) * EACH[name]
+    assert symmetries(replace(alike, **{name: same})) == (True, True)
+    assert symmetries(replace(alike, **{name: (10.0, *same[1:])})) == (False, False)
 
 
 @settings(max_examples=examples(6), derandomize=True)

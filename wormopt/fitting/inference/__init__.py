@@ -1,1 +1,1 @@
-"""What a fit knows, and what it does not: intervals, tests, predictions, draws."""
+"""Uncertainty of a fit: intervals, tests, predictions, draws."""

@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, log_expit, logit
 
-_INSIDE = 1e-3  # of the room to a bound, which a point at it is moved away
+_INSIDE = 1e-3  # share of the interval by which a point at a bound is moved inside
 
 
 @dataclass(frozen=True, eq=False)
 class Unbounded:
-    """theta (n,) by u (n,): logistic between two bounds, exponential from one, itself without."""
+    """theta (n,) as a function of u (n,): logistic between two bounds, exponential from one."""
 
     lower: np.ndarray
     upper: np.ndarray
@@ -30,7 +30,7 @@ class Unbounded:
         return self._choose(np.ones_like(u), grown, -grown, self._room * expit(u) * expit(-u))
 
     def log_slopes(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Logarithms of the slopes' sizes but for constants, their derivatives and second ones."""
+        """Logarithms of the slopes' sizes up to constants, with first and second derivatives."""
         one, none = np.ones_like(u), np.zeros_like(u)
         return (
             self._choose(none, u, u, log_expit(u) + log_expit(-u)),
@@ -39,7 +39,7 @@ class Unbounded:
         )
 
     def u(self, theta: np.ndarray) -> np.ndarray:
-        """Numbers without bounds; what lies at a bound is moved a little inside."""
+        """Numbers without bounds; coordinates at a bound are moved a little inside."""
         below = np.maximum(theta - self.lower, _INSIDE * np.minimum(self.nominal, self._room))
         above = np.maximum(self.upper - theta, _INSIDE * np.minimum(self.nominal, self._room))
         share = np.clip((theta - self._from) / self._room, _INSIDE, 1 - _INSIDE)

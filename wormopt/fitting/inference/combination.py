@@ -1,7 +1,7 @@
-"""Changes of unknowns that no reading shows, told in words.
+"""Combinations of unknowns that readings do not determine, described in words.
 
-A direction of the null space of a Jacobian says what cannot be told apart at one point. Whether it
-leads on, along factors or along sums, is tried by residuals some way off.
+A direction of the null space of a Jacobian is unidentifiable at one point. Residuals at a distance
+test whether it continues along products or along sums.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.fitting.task import FitTask
 
 Form = Literal["product", "sum", "here"]
-# Trial moves, in sizes, and what share of the single effects may be left: of what holds at one
-# point only that is about half the move, of what leads on round-off.
+# Trial moves, in sizes, and largest share of the single effects that may remain: about half the
+# move for directions at one point only, round-off for others.
 _MOVES, _LEFT = (0.1, -0.1, 0.01, -0.01), 1e-3
-_FAR_FROM_ZERO = 0.01  # what is nearer, in its size, has no relative change
-_MANY = 3  # unknowns, of which not every ratio is written down
-_NICE, _NEAR = 6, 1e-3  # exponents are told as fractions with such denominators, if so near
+_FAR_FROM_ZERO = 0.01  # closer to 0, in its size, there is no relative change
+_MANY = 3  # unknowns, of which not every ratio is listed
+_NICE, _NEAR = 6, 1e-3  # largest denominator of exponents as fractions, and their tolerance
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Combination:
     relative: bool
 
     def __str__(self) -> str:
-        """Say what changes nothing, and what is known all the same."""
+        """Describe the unidentifiable change, and the remaining known combinations."""
         if len(self.names) == 1:
             return f"{self.names[0]} changes nothing that was measured"
         pairs = list(zip(self.names, self.changes, strict=True))
@@ -71,10 +71,10 @@ class Combination:
 def combination(
     direction: np.ndarray, task: FitTask, theta: np.ndarray, sizes: np.ndarray, effects: np.ndarray
 ) -> Combination:
-    """Find out how far a direction of the null space leads on.
+    """Find how far a direction of the null space continues.
 
-    `direction` (n,) is in `sizes` of the coordinates `theta`; `effects` (n,) are the norms of what
-    a change by its size does to the residuals.
+    `direction` (n,) is in `sizes` of the coordinates `theta`; `effects` (n,) are the norms of the
+    effects of such changes on the residuals.
     """
     logs = np.array([c.log for c in task.coordinates])
     there = direction != 0
@@ -116,8 +116,8 @@ def combination(
 def sparse_basis(null: np.ndarray, zero: float) -> np.ndarray:
     """Directions (k, n) that span the columns of `null` (n, k), with few entries each.
 
-    For every row that of least sum of sizes with 1 there, by linear programs; of these the
-    shortest that are independent. Entries up to `zero` are none; the largest of each is 1.
+    For every row the vector of least sum of sizes with 1 there, by linear programs; of these the
+    shortest that are independent. Entries up to `zero` are 0; the largest of each is 1.
     """
     n, k = null.shape
     found = [_sparsest(null, row) for row in range(n) if np.linalg.norm(null[row]) > zero]
@@ -150,8 +150,8 @@ def _nice(value: float) -> str:
 
 
 def _power(name: str, exponent: float) -> str:
-    told = _nice(exponent)
-    return name if told == "1" else f"{name}^({told})" if "/" in told else f"{name}^{told}"
+    number = _nice(exponent)
+    return name if number == "1" else f"{name}^({number})" if "/" in number else f"{name}^{number}"
 
 
 def _factor(name: str, exponent: float, letter: str) -> str:
@@ -163,12 +163,12 @@ def _summand(name: str, slope: float, letter: str) -> str:
 
 
 def _term(slope: float, name: str) -> str:
-    told = _nice(abs(slope))
-    return f"{'-' if slope < 0 else '+'} {name if told == '1' else f'{told} {name}'}"
+    number = _nice(abs(slope))
+    return f"{'-' if slope < 0 else '+'} {name if number == '1' else f'{number} {name}'}"
 
 
 def _products(pairs: Sequence[tuple[str, float]]) -> Iterator[str]:
-    """Monomials that stay, of the first unknown with each of the others."""
+    """Monomials that stay constant, of the first unknown with each of the others."""
     (one, first), *others = pairs
     for name, power in others:
         # both exponents at least 1, that of the first positive
@@ -184,7 +184,7 @@ def _monomial(*factors: tuple[str, float]) -> str:
 
 
 def _sums(pairs: Sequence[tuple[str, float]]) -> Iterator[str]:
-    """Sums that stay, of the first unknown with each of the others."""
+    """Sums that stay constant, of the first unknown with each of the others."""
     (one, first), *others = pairs
     for name, slope in others:
         yield f"{one} {_term(-first / slope, name)}"

@@ -1,4 +1,4 @@
-"""Some unknowns fitted anew while others are held: from a neighbour, in few simulations."""
+"""Fits of some unknowns with others fixed, from a neighbour in few simulations."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import TOLD, triangle
 
-_STEPS, _TRIALS = 3, 30  # of Gauss and Newton, and simulations of a search where these fail
+_STEPS, _TRIALS = 3, 30  # of Gauss-Newton, and simulations of a search if these fail
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Coordinates (n,), residuals there and their Jacobian, as n + 1 rows of the same products."""
+    """Coordinates (n,), residuals and Jacobian, as n + 1 rows with the same products."""
 
     theta: np.ndarray
     residuals: np.ndarray
@@ -30,7 +30,7 @@ class Point:
 
 
 def shortened(theta: np.ndarray, residuals: np.ndarray, jacobian: np.ndarray) -> Point:
-    """Make a point of all rows."""
+    """Make a point from all rows."""
     rows = triangle(np.column_stack([jacobian, residuals]))
     return Point(theta, rows[:, -1], rows[:, :-1])
 
@@ -38,10 +38,10 @@ def shortened(theta: np.ndarray, residuals: np.ndarray, jacobian: np.ndarray) ->
 def refit(
     task: FitTask, moved: np.ndarray, free: np.ndarray, near: Point | None, settled: float
 ) -> Point:
-    """Fit what is `free` (n,) from `moved` (n,), until the squares would fall by no more.
+    """Fit unknowns `free` (n,) from `moved` (n,), until the squares hardly decrease.
 
-    Begins where the Jacobian of the neighbour `near` leads to, or at it where nothing has moved.
-    Raises SolveError where motions cannot be followed.
+    Starts at the prediction of the Jacobian of the neighbour `near`, or at it if nothing has moved.
+    Raises SolveError if motions cannot be simulated.
     """
     point = near
     if near is not None and not np.array_equal(moved, near.theta):
@@ -62,7 +62,7 @@ def refit(
 
 
 def point_at(task: FitTask, theta: np.ndarray) -> Point | None:
-    """None where the motion cannot be followed."""
+    """Point at coordinates; None if the motion cannot be simulated."""
     try:
         return shortened(theta, *task.residuals(theta))
     except (SolveError, ArgumentError):
@@ -72,7 +72,7 @@ def point_at(task: FitTask, theta: np.ndarray) -> Point | None:
 def _step(
     task: FitTask, moved: np.ndarray, near: Point, free: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Where all is best by the neighbour's Jacobian, and how much the squares fall by it."""
+    """Minimum by the neighbour's Jacobian, and the decrease of the squares."""
     scale = task.nominal[free]
     columns = near.jacobian[:, free] * scale
     rise = near.residuals + near.jacobian @ (moved - near.theta)
@@ -92,7 +92,7 @@ def _searched(task: FitTask, start: Point, free: np.ndarray, settled: float) -> 
         if x.tobytes() not in seen:
             theta = start.theta.copy()
             theta[free] = x
-            # from NaN a search shrinks back
+            # NaN makes a search shrink its step
             seen[x.tobytes()] = point_at(task, theta) or blank
         return seen[x.tobytes()]
 

@@ -1,9 +1,9 @@
-"""Which unknowns a fit knows, and which it cannot tell apart.
+"""Identifiability: which unknowns and combinations a fit determines.
 
-The singular values of the Jacobian, its columns scaled by the sizes of the unknowns, say how much
-each combination of relative changes moves the residuals, in standard deviations. Computed
-derivatives are wrong by E, and so every singular value by as much at most (Weyl): what is not
-larger than E is none. E is measured, by derivatives computed anew, less exactly (`Fit.error`).
+The singular values of the Jacobian, its columns scaled by the sizes of the unknowns, are changes of
+residuals, in standard deviations, by combinations of relative changes. If the error of the Jacobian
+is E, that of every singular value is at most E (Weyl): values up to E are 0. E is measured by
+derivatives with looser tolerances (`Fit.error`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from wormopt.fitting.estimate import Fit
 from wormopt.fitting.inference.asked import check_fit
 from wormopt.fitting.inference.combination import Combination, combination, sparse_basis
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import spectrum, told_by
+from wormopt.fitting.uncertainty import identified_by, spectrum
 from wormopt.shown import lines
 
 # Shares that are round-off of linear programs and decompositions, and that never are.
@@ -25,7 +25,7 @@ _ROUND, _SURELY = 1e-9, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """What a fit can tell of its unknowns, and what not.
+    """Identifiable and unidentifiable unknowns of a fit.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ class Identifiability:
     weak: tuple[str, ...]
 
     def __repr__(self) -> str:
-        told = f"Identifiability: {self.rank} of {len(self.names)} combinations can be told"
-        return lines(told, *self.words)
+        summary = f"Identifiability: {self.rank} of {len(self.names)} combinations are identifiable"
+        return lines(summary, *self.words)
 
     @property
     def gap(self) -> float:
-        """Least singular value that counts over the largest that does not, or over the error."""
+        """Least nonzero singular value over the largest zero one, or over the error."""
         if self.rank == 0:
             return 0.0
         beyond = self.singular_values[self.rank :]
@@ -75,7 +75,7 @@ class Identifiability:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is not known, sentence by sentence."""
+        """Statements about unknowns that are not known."""
         shares = dict(zip(self.names, self.errors, strict=True))
         return (
             *map(str, self.lost),
@@ -85,7 +85,7 @@ class Identifiability:
 
 
 def identifiability(found: Fit) -> Identifiability:
-    """Find out which unknowns the readings of a fit tell, and which combinations they do not.
+    """Find which unknowns the readings of a fit identify, and which combinations they do not.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def identifiability(found: Fit) -> Identifiability:
     sizes, error = found.sizes, found.error
     scaled = found.jacobian[: task.count] * sizes
     values, columns = by_readings = spectrum(scaled, np.ones(len(sizes)))
-    rank, _, _ = told_by(by_readings, error)
+    rank, _, _ = identified_by(by_readings, error)
     # directions on both sides of the gap mix by error over gap (Wedin)
     zero = float(np.clip(error / values[rank - 1] if rank else 0.0, _ROUND, _SURELY))
     effects = np.linalg.norm(scaled, axis=0)
@@ -157,6 +157,6 @@ def _named(task: FitTask, which: np.ndarray) -> tuple[str, ...]:
 
 
 def _errors(spectrum: tuple[np.ndarray, np.ndarray], error: float) -> np.ndarray:
-    """Standard errors (n,) in sizes, infinite for what has a share in what cannot be told."""
-    _, errors, lost = told_by(spectrum, error)
+    """Standard errors (n,) in sizes, infinite with a share in unidentifiable directions."""
+    _, errors, lost = identified_by(spectrum, error)
     return np.where(lost, np.inf, errors)

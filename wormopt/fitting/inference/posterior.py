@@ -1,4 +1,4 @@
-"""All numbers that readings and priors allow, drawn at random by their probability.
+"""Samples of the posterior distribution of unknowns, given readings and priors.
 
 Draws by the No-U-Turn sampler of nutpie, with gradients from the Jacobian of the residuals, in
 coordinates without bounds in which the fit's covariance is about 1.
@@ -27,15 +27,15 @@ from wormopt.fitting.uncertainty import TOLD, spectrum
 from wormopt.progress import Report, silent
 from wormopt.shown import SHORT, lines, text
 
-# Gelman's R-hat by ranks and the effective number of draws that A. Vehtari et al. ask for,
-# Bayesian Analysis 16 (2021) 667.
+# Limits of A. Vehtari et al., Bayesian Analysis 16 (2021) 667, for the rank-normalised R-hat and
+# the effective number of draws.
 R_HAT, FEWEST = 1.01, 400
-_LOOK = 0.05  # seconds between looks at the sampler
+_LOOK = 0.05  # seconds between checks of the sampler
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Draws of the unknowns, and whether they can be trusted.
+    """Draws of the unknowns, and whether they are reliable.
 
     Parameters
     ----------
@@ -59,13 +59,13 @@ class Posterior:
 
     def __repr__(self) -> str:
         count = int(np.prod(self.draws.shape[:2]))
-        told = f"Posterior: {count} draws" + ("" if self.doubts else ", to be trusted")
+        summary = f"Posterior: {count} draws" + ("" if self.doubts else ", to be trusted")
         lows, highs = self.interval(0.95).T
         found = ", ".join(
             f"{name} {text(float(low), SHORT)} to {text(float(high), SHORT)}"
             for name, low, high in zip(self.names, lows, highs, strict=True)
         )
-        return lines(told, *self.doubts, found)
+        return lines(summary, *self.doubts, found)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Draws (chains, m) of an unknown; UnknownNameError if there is none."""
@@ -90,19 +90,19 @@ class Posterior:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why the draws are not to be trusted; empty if they are."""
-        told = []
+        """Reasons why the draws are unreliable; empty if they are reliable."""
+        doubts = []
         if self.divergences:
-            told.append(
-                f"{self.divergences} draws went astray: the probability has kinks or corners there"
+            doubts.append(
+                f"{self.divergences} draws diverged: the probability has kinks or corners there"
             )
         apart = [n for n, r in zip(self.names, self.r_hat, strict=True) if not r <= R_HAT]
         if apart:
-            told.append(f"chains differ in {', '.join(apart)}; draw more, or tell less apart")
+            doubts.append(f"chains differ in {', '.join(apart)}; draw more, or fit fewer unknowns")
         few = [n for n, e in zip(self.names, self.effective, strict=True) if not e >= FEWEST]
         if few:
-            told.append(f"draws of {', '.join(few)} depend on each other; draw more")
-        return tuple(told)
+            doubts.append(f"draws of {', '.join(few)} depend on each other; draw more")
+        return tuple(doubts)
 
 
 def posterior(
@@ -242,20 +242,20 @@ def _made(density: Density, arviz: Any, trace: Any) -> Posterior | None:
 
 
 class Lost(Exception):
-    """A motion that could not be followed: a draw that went astray, to nutpie."""
+    """A motion that cannot be simulated, as nutpie's error for a divergent draw."""
 
     is_recoverable = True
 
 
 @dataclass(frozen=True, eq=False)
 class Density:
-    """Logarithm of the probability, in numbers of about normal distribution."""
+    """Logarithm of the probability, in variables of about normal distribution."""
 
     found: Fit
 
     @property
     def task(self) -> FitTask:
-        """What was fitted."""
+        """The fitted task."""
         return self.found.task
 
     @property
@@ -264,13 +264,13 @@ class Density:
         return (*self.found.names, *(f"noise of {signal}" for signal in self.found.estimated))
 
     def numbers(self, y: np.ndarray) -> np.ndarray:
-        """Numbers (n,) drawn: of unknowns, then standard deviations."""
+        """Draws (n,) in own units: unknowns, then standard deviations."""
         u, scales = self._parts(y)
         noise = [self.task.level(signal) for signal in self.found.estimated]
         return np.concatenate([self.task.values(self._free.theta(u)), np.exp(scales) * noise])
 
     def log(self, y: np.ndarray) -> tuple[float, np.ndarray]:
-        """Logarithm of the probability but for a constant, and its gradient (n,)."""
+        """Logarithm of the probability up to a constant, and its gradient (n,)."""
         u, scales = self._parts(y)
         count, slopes = self.task.count, self._free.slopes(u)
         try:
@@ -304,7 +304,7 @@ class Density:
 
     @cached_property
     def _rows(self) -> np.ndarray:
-        """Which rows (rows, l) have which of the estimated noises."""
+        """Rows (rows, l) of each estimated noise."""
         found = np.zeros((len(self.found.residuals), len(self.found.estimated)))
         for k, signal in enumerate(self.found.estimated):
             found[rows_estimated(self.task, signal), k] = 1.0
@@ -320,8 +320,8 @@ class Density:
             shares = zip(self.task.names, turned[:, -1], strict=True)
             names = [name for name, share in shares if abs(share) > 0.1]
             raise ArgumentError(
-                f"nothing bounds {', '.join(names)}: the readings cannot tell; give bounds on both "
-                "sides, or a prior"
+                f"the readings do not determine {', '.join(names)}; write bounds on both sides, or "
+                "a prior"
             )
         whole = np.diag(np.append(1 / s, 1 / np.sqrt(2 * self._rows.sum(axis=0))))
         whole[: len(s)] = turned @ whole[: len(s)]

@@ -1,4 +1,4 @@
-"""A run kept aside: predicted from the others, with what is uncertain of it, and judged."""
+"""Validation: a run left out is predicted from the others, with its uncertainty, and tested."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wormopt.fitting.uncertainty import TOLD, spectrum
 from wormopt.shown import SHORT, lines, text
 
 _DOUBTED = 0.01  # p below which a prediction is doubted
-_SETTLED = 1e-4  # what a fit of the run's own unknowns may leave of its squares
+_SETTLED = 1e-4  # share of the squares that a fit of the run's own unknowns may leave
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +60,11 @@ class Prediction:
     p: float
 
     def __repr__(self) -> str:
-        told = (
+        summary = (
             f"Prediction of {self.recording.name}: {100 * self.coverage:.1f} % of the readings in "
             f"the band of {100 * self.level:g} %, chi² {text(self.chi2, SHORT)} of {self.freedom}"
         )
-        return lines(told, *self.words)
+        return lines(summary, *self.words)
 
     def band(self, signal: str) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper end of the band that shall hold the readings of a signal.
@@ -83,16 +83,16 @@ class Prediction:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is out of the ordinary."""
+        """Statements about anomalies."""
         name = self.recording.name
         unknown = [s for s, sd in self.model_error.items() if np.isinf(sd).any()]
-        told = [f"what the fit cannot tell moves {signal} in {name}" for signal in unknown]
+        statements = [f"unidentifiable directions move {signal} in {name}" for signal in unknown]
         if self.p < _DOUBTED:
-            told.append(
+            statements.append(
                 f"{name} is not as predicted (p = {self.p:.1g}): the model, or the noise said, is "
                 "not what was recorded"
             )
-        return tuple(told)
+        return tuple(statements)
 
 
 def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Prediction:
@@ -169,7 +169,7 @@ def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Predict
 
 
 def _with_own(found: Fit, task: FitTask, own: np.ndarray) -> np.ndarray:
-    """Coordinates of the run: those found, and its own fitted to it."""
+    """Coordinates of the run: estimates, and its own unknowns fitted to it."""
     known = dict(zip(found.names, found.theta, strict=True))
     theta = task.start
     theta[~own] = [known[name] for name, is_own in zip(task.names, own, strict=True) if not is_own]
@@ -192,36 +192,35 @@ def _rows(task: FitTask, own: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray
 def _spread(
     found: Fit, task: FitTask, own: np.ndarray, jacobian: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Factor (n, k) of the covariance of all coordinates, and what the fit cannot tell (n, l)."""
+    """Factor (n, k) of the covariance of all coordinates, and unidentifiable directions (n, l)."""
     s, v = found.singular
-    told = s > found.error
+    identified = s > found.error
     rows = [found.names.index(n) for n, is_own in zip(task.names, own, strict=True) if not is_own]
     directions = (found.sizes[:, None] * v)[rows]
     spread = np.zeros((len(own), len(s)))
     spread[~own] = directions
-    if own.any():  # these make up for it, and know their own part by the run's noise
+    if own.any():  # these compensate the others, and the run's noise determines their own part
         columns = jacobian[:, own]
         spread[own] = -np.linalg.lstsq(columns, jacobian @ spread, rcond=TOLD)[0]
         noise = np.zeros((len(own), own.sum()))
         size, turns = spectrum(columns, np.ones(own.sum()))
         noise[own] = turns / np.maximum(size, TOLD * size[0])
-        return np.hstack([spread[:, told] / s[told], noise]), spread[:, ~told]
-    return spread[:, told] / s[told], spread[:, ~told]
+        return np.hstack([spread[:, identified] / s[identified], noise]), spread[:, ~identified]
+    return spread[:, identified] / s[identified], spread[:, ~identified]
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the columns."""
     if columns.shape[1] == 0:
         return columns
     s, v = spectrum(columns, np.ones(columns.shape[1]))
-    told = s > TOLD * s.max(initial=0.0)
-    return columns @ (v[:, told] / s[told])
+    identified = s > TOLD * s.max(initial=0.0)
+    return columns @ (v[:, identified] / s[identified])
 
 
 def _judged(r: np.ndarray, effects: np.ndarray, taken: np.ndarray) -> tuple[float, np.ndarray]:
     """Squares of the residuals over their covariance, and the standard deviation of each (rows,).
 
-    Residuals are noise and `effects` times unit normals, less what lies in `taken`.
+    Residuals are noise and `effects` times unit normals, without their part in `taken`.
     """
     r = r - taken @ (taken.T @ r)
     effects = effects - taken @ (taken.T @ effects)
@@ -247,7 +246,7 @@ def _bands(
 
 
 def _p(found: Fit, chi2: float, freedom: int) -> float:
-    """Of a true model; the noise is as uncertain as its estimate."""
+    """P-value for a true model; the noise is as uncertain as its estimate."""
     if not found.estimated:
         return float(stats.chi2.sf(chi2, freedom))
     readings = sum(len(rows_estimated(found.task, signal)) for signal in found.estimated)

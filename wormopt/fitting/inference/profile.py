@@ -1,8 +1,8 @@
-"""Profile likelihoods: how far an unknown may go if all others make up for it as they can.
+"""Profile likelihoods: intervals of an unknown if all others compensate its change.
 
-Along an unknown the others are fitted anew, from what their neighbours say. With z the root of the
-rise of -2 log(likelihood), its confidence interval reaches where z² is the threshold; z is all but
-a straight line, so that few points are needed and the ends are soon found.
+Along an unknown the others are fitted again, from predictions of neighbouring points. With z the
+signed root of the increase of -2 log(likelihood), the confidence interval ends where z² is the
+threshold; z is nearly linear, so that a few points determine the ends.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from wormopt.numerics.roots import root
 from wormopt.progress import Report, silent
 from wormopt.shown import SHORT, lines, text
 
-_POINTS, _MOST = 4, 40  # to one side: about so many where z is straight, and never more
-_FAR = 1e3  # sizes of an unknown, after which its interval is open
-_MISSES = 4  # times that a step becomes shorter since motions cannot be followed
-_END = 2e-3  # of an interval's half, to which its end is found
-_SETTLED = 1e-4  # what a refit may leave of the squares, in thresholds
-_LOWER = 1e-2  # a fall of the squares, in thresholds, that counts
+_POINTS, _MOST = 4, 40  # on each side: number of points for linear z, and the largest number
+_FAR = 1e3  # sizes of an unknown at which its interval is open
+_MISSES = 4  # how often a step is shortened because motions fail
+_END = 2e-3  # tolerance of an end, relative to half the interval
+_SETTLED = 1e-4  # in thresholds, what a refit may leave of the squares
+_LOWER = 1e-2  # in thresholds, decrease of the squares that is a better fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +78,20 @@ class Profile:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is out of the ordinary."""
+        """Statements about anomalies."""
         sides = zip(("below", "above"), self.open, self.interval, strict=True)
-        told = [
+        statements = [
             f"the readings do not bound {self.name} {side}"
             + (f"; its bound {text(end, SHORT)} does" if np.isfinite(end) else "")
             for side, is_open, end in sides
             if is_open
         ]
         if self.fell > 0:
-            told.append(
+            statements.append(
                 f"along {self.name} a better fit was found, its squares less by "
                 f"{text(self.fell, SHORT)}; fit again from {self.name} = {text(self.best, SHORT)}"
             )
-        return tuple(told)
+        return tuple(statements)
 
 
 def profile(
@@ -166,7 +166,7 @@ def profile(
 
 
 def _threshold(found: Fit, level: float) -> float:
-    """Quantile of the rise of squares; noise that was estimated is as uncertain as its readings."""
+    """Quantile of the increase of squares; estimated noise is as uncertain as its readings."""
     if not found.estimated:
         return float(stats.chi2.ppf(level, 1))
     readings = sum(len(rows_estimated(found.task, signal)) for signal in found.estimated)
@@ -174,7 +174,7 @@ def _threshold(found: Fit, level: float) -> float:
 
 
 def _profile(line: _Line, start: Point, level: float) -> Profile:
-    """Both sides, begun anew from any point that is better."""
+    """Both sides, restarted from any better point."""
     least = start
     while True:
         best = line.refit(None, least)
@@ -189,7 +189,7 @@ def _profile(line: _Line, start: Point, level: float) -> Profile:
     bounds = (task.bounds[0][k], task.bounds[1][k])
     reached = [b if e is None else e for e, b in zip(ends, bounds, strict=True)]
     low, high = (task.coordinates[k].value(v) for v in reached)
-    low = 0.0 if abs(low) < np.finfo(float).tiny else low  # of what has to be positive
+    low = 0.0 if abs(low) < np.finfo(float).tiny else low  # of positive unknowns
     fell = start.squares - best.squares
     return Profile(
         task.names[k],
@@ -207,7 +207,7 @@ def _profile(line: _Line, start: Point, level: float) -> Profile:
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """The line along one unknown, every point of it fitted in the others."""
+    """Points along one unknown, each fitted in the others."""
 
     task: FitTask
     index: int
@@ -224,7 +224,7 @@ class _Line:
             step = min(step, abs(bound - last.theta[k]))
             value = last.theta[k] + sign * step
             point = self._tried(value, last, best)
-            if point is None:  # perhaps nearer by
+            if point is None:  # perhaps closer
                 step, misses = step / 4, misses + 1
                 if misses > _MISSES:
                     break
@@ -241,7 +241,7 @@ class _Line:
         return points, None
 
     def _tried(self, value: float, last: Point, best: Point) -> Point | None:
-        """Refit from the neighbour, at the end from the best too; None where motions fail."""
+        """Refit from the neighbour, at the end also from the best; None if motions fail."""
         found = None
         for near in (last, best):
             with suppress(SolveError):
@@ -252,7 +252,7 @@ class _Line:
         return found
 
     def refit(self, value: float | None, near: Point) -> Point:
-        """Fit all others where this unknown has a value, all of them where it has none."""
+        """Fit all others at a value of this unknown, or all of them if it is None."""
         free = np.ones(len(near.theta), bool)
         moved = near.theta.copy()
         if value is not None:
@@ -263,7 +263,7 @@ class _Line:
         return float(np.sqrt(max(point.squares - best.squares, 0.0)))
 
     def _error(self, best: Point) -> float:
-        """Standard error of the unknown, by what the others cannot make up for."""
+        """Standard error of the unknown that the others cannot compensate."""
         others = np.delete(best.jacobian * self.task.nominal, self.index, axis=1)
         column = best.jacobian[:, self.index]
         made_up = others @ np.linalg.lstsq(others, column, rcond=TOLD)[0]
@@ -271,7 +271,7 @@ class _Line:
         return 1 / left if left > TOLD * np.linalg.norm(column) else np.inf
 
     def _end(self, inside: Point, outside: Point, best: Point) -> tuple[list[Point], float]:
-        """Where z crosses the threshold's root, and the points looked at."""
+        """Crossing of z with the threshold's root, and the points evaluated."""
         k, target, seen = self.index, np.sqrt(self.threshold), [inside, outside]
 
         def above(value: float) -> float:
@@ -282,7 +282,7 @@ class _Line:
             return self._z(near, best) - target
 
         ends = float(inside.theta[k]), float(outside.theta[k])
-        end = ends[1]  # rather too far where motions between cannot be followed
+        end = ends[1]  # rather too far if motions between fail
         with suppress(SolveError):
             end = root(above, *ends, xtol=_END * abs(ends[1] - best.theta[k]))
         return seen[2:], end

@@ -1,4 +1,4 @@
-"""Whether what a fit leaves looks like noise: tests of residuals by signal and run."""
+"""Tests whether residuals of a fit are noise, by signal and run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wormopt.shown import lines
 
 TestName = Literal["correlation", "runs", "normal", "size"]
 _FEWEST = 8  # readings that are tested
-_SHAPIRO = 5000  # readings up to which its p-values hold
+_SHAPIRO = 5000  # most readings for which its p-values are valid
 _SAYS = {
     "correlation": "the residuals of {0} depend on those before: the model lacks something that "
     "is slower than its sampling",
@@ -66,17 +66,17 @@ class Whiteness:
     level: float
 
     def __repr__(self) -> str:
-        told = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests at fault"
-        return lines(told, *self.words)
+        summary = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests at fault"
+        return lines(summary, *self.words)
 
     @property
     def suspects(self) -> tuple[ResidualTest, ...]:
-        """Those that noise would hardly show: p below the level over the number of tests."""
+        """Failed tests, unlikely for noise: p below the level over the number of tests."""
         return tuple(each for each in self.tests if each.p * len(self.tests) < self.level)
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is at fault, sentence by sentence."""
+        """Statements about failed tests."""
         return tuple(
             _SAYS[each.test].format(
                 f"{each.signal} in {each.run}", "larger" if each.statistic > 1 else "smaller"
@@ -166,7 +166,7 @@ def runs_test(r: np.ndarray) -> tuple[float, float]:
     above = signs[signs != 0] > 0
     n, high = len(above), int(above.sum())
     low = n - high
-    if min(high, low) < 2:  # all but one value
+    if min(high, low) < 2:  # all values but one are equal
         return 0.0, 1.0
     runs = 1 + int(np.sum(above[1:] != above[:-1]))
     mean = 1 + 2 * high * low / n

@@ -1,9 +1,9 @@
-"""The adjoint equation along a motion, itself a Model that is simulated: backwards in time.
+"""The adjoint equation along a motion, itself a Model that is simulated backwards in time.
 
-With H = l' f(t, x, p) the costate follows l' = -H_x, and H_p summed over time is the derivative by
-the parameters. The motion comes in by a schedule, one piece for each of its steps: the polynomial
-of the step, its modes, and what the schedules of the model were. At samples and events the costate
-jumps: two switches in turn fire where a piece says so.
+With H = l' f(t, x, p) the costate follows l' = -H_x; the integral of H_p is the derivative with
+respect to the parameters. A schedule contains the motion, one piece for each step: its polynomial,
+modes, and the values of the model's schedules. At samples and events the costate jumps: two
+switches fire in turn where a piece says so.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ _ROUND_OFF = 32 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True, eq=False)
 class Kicks:
-    """Where a costate jumps, in order of time: l1 = l + add, then l1 - (l1' rate) by_x.
+    """Jumps of a costate, in order of time: l1 = l + add, then l1 - (l1' rate) by_x.
 
-    The derivative by the parameters grows by -(l1' rate) by_p.
+    The derivative with respect to the parameters increases by -(l1' rate) by_p.
     """
 
     time: np.ndarray  # (m,)
@@ -42,11 +42,11 @@ class Kicks:
     by_p: np.ndarray  # (m, n_p)
 
     def part(self, chosen: np.ndarray) -> Kicks:
-        """Some of them."""
+        """A slice of them."""
         return Kicks(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
     def apply(self, k: int, costate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Costate before, and growth of the derivative by the parameters."""
+        """Costate before the jumps, and increase of the derivative by the parameters."""
         costate = costate + self.add[k]
         share = costate @ self.rate[k]
         return costate - share * self.by_x[k], -share * self.by_p[k]
@@ -76,7 +76,7 @@ class Costate:
         )
         sizes = (("fires", 2), ("add", n), ("rate", n), ("by_x", n), ("by_p", self.n_p))
         fires, add, rate, by_x, by_p = kick = [ca.SX.sym(*each) for each in sizes]
-        _, scheduled = ca.vertsplit(p, [0, n_fixed, self.n_p])  # a slice of none has a row
+        _, scheduled = ca.vertsplit(p, [0, n_fixed, self.n_p])  # a slice of no entries has a row
         value = ca.vertcat(*piece, ca.vec(polynomial), s, scheduled, *kick)
         pieces = np.zeros((1, value.numel()))
         past = Schedule("past", value, begin, np.array([0.0, 1.0]), pieces)
@@ -105,14 +105,14 @@ def _value(polynomial: ca.SX, share: ca.SX) -> ca.SX:
 
 @lru_cache(maxsize=32)
 def costate_of(system: System) -> Costate:
-    """The adjoint equation of a System, made once."""
+    """The adjoint equation of a System, cached."""
     return Costate(system)
 
 
 class Backwards:
     """Costates along one motion.
 
-    `sizes`: of the parameters (n_p,), by which errors of the derivatives by them are judged.
+    `sizes`: of the parameters (n_p,), to which errors of their derivatives are compared.
     """
 
     def __init__(
@@ -141,11 +141,11 @@ class Backwards:
         )
 
     def near(self, late: float) -> float:
-        """Times before `late` that lie nearer together than this are one to a schedule."""
+        """Times before `late` closer than this are one to a schedule."""
         return _ROUND_OFF * max(abs(late), late - float(self._time[0]))
 
     def _past(self, late: float, early: float, kicks: Kicks) -> Schedule:
-        """What the adjoint equation knows of the motion between two times, backwards."""
+        """Schedule of the motion between two times, backwards."""
         inner = self._time[(self._time > early) & (self._time < late)]
         far = np.abs(inner[:, None] - kicks.time).min(axis=1, initial=np.inf)
         inner = np.union1d(inner[far > self.near(late)], kicks.time)
@@ -177,10 +177,10 @@ class Backwards:
     def go(
         self, costate: np.ndarray, late: float, early: float, kicks: Kicks, stops: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Costate (n_x,) at `early` from that at `late`, kicked on its way.
+        """Costate (n_x,) at `early` from that at `late`, with the kicks in between.
 
-        Gives it and the derivatives by parameters (stops + 1, n_p), summed over the time before
-        each of the `stops` (ascending, within) and after the last.
+        Returns it and the derivatives by parameters (stops + 1, n_p), integrated over the time
+        before each of the `stops` (ascending, within) and after the last.
         """
         n_x, length = self._equation.n_x, late - early
         task = InitialValueProblem(

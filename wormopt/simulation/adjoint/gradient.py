@@ -1,4 +1,4 @@
-"""The verb `gradient`: one number of a motion, differentiated by all that the motion depends on."""
+"""The verb `gradient`: derivatives of one number of a motion by all values it depends on."""
 
 from __future__ import annotations
 
@@ -151,10 +151,10 @@ def _check(motion: object, route: object) -> None:
 def _doubts(
     motion: Trajectory, late: float, tolerance: Tolerance, route: Route
 ) -> tuple[NonsmoothEvent, ...]:
-    """What a simulation forward in time doubts along a direction in which everything moves.
+    """Doubts of a simulation forward in time along a direction in which everything moves.
 
-    But for what begins at 0: of a contact that slides from rest a velocity at the start would have
-    two derivatives, by which hardly anyone asks.
+    Those at the start are left out: a velocity at the start of a contact that slides from
+    rest would have two derivatives, which hardly anyone needs.
     """
     dense, model = motion.dense, motion.system.model
     assert dense is not None
@@ -185,26 +185,26 @@ def _doubts(
 
 
 def _crowded(times: np.ndarray, near: float) -> set[float]:
-    """Those of ascending times that are as good as one with the next or the last."""
+    """Ascending times that coincide, within round-off, with the next or the last."""
     close = np.diff(times) <= near
     return set(times[np.append(close, False) | np.append(False, close)].tolist())
 
 
 def _merged(times: np.ndarray, near: float) -> np.ndarray:
-    """Ascending times, of which those that are as good as one are the first of them."""
+    """Ascending times without those that coincide, within round-off, with an earlier one."""
     first = np.append(True, np.diff(times) > near)
     return times[first][np.cumsum(first) - 1]
 
 
 def _at_last(motion: Trajectory) -> Trajectory:
-    """A motion with its last sample alone."""
+    """The motion with its last sample only."""
     along = motion.state_derivatives[..., -1:]
     states = motion.states[:, -1:]
     return replace(motion, time=motion.time[-1:], states=states, state_derivatives=along)
 
 
 class _Number:
-    """A number, by its derivatives by the samples of a motion, and those found of it so far."""
+    """A number, as its derivatives by samples of a motion, and its gradient so far."""
 
     def __init__(self, motion: Trajectory, weights: Mapping[str, ArrayLike]) -> None:
         system, n_x = motion.system, motion.system.model.n_x
@@ -245,7 +245,7 @@ class _Number:
         return found[:, : x.numel()], found[:, x.numel() :]
 
     def _add(self, t: np.ndarray, by_p: np.ndarray) -> None:
-        """Count derivatives (m, n_p) by the parameters as they are at times (m,)."""
+        """Add derivatives (m, n_p) with respect to the parameters at times (m,)."""
         n = self.motion.system.n_fixed
         self._by_p += by_p[:, :n].sum(axis=0)
         for schedule, found in zip(self.motion.schedules, self._by_schedules, strict=True):
@@ -254,7 +254,7 @@ class _Number:
             n = end
 
     def _sizes(self) -> np.ndarray:
-        """Of all parameters: what they are, or the usual size of what is 0."""
+        """Sizes of all parameters: their values, or nominal sizes for values 0."""
         motion, model = self.motion, self.motion.system.model
         fixed = np.abs(motion.p[: motion.system.n_fixed])
         found = [np.where(fixed > 0, fixed, np.append(nominal_of((*model.p, *model.u)), 1.0))]
@@ -264,7 +264,7 @@ class _Number:
         return np.concatenate(found)
 
     def follow(self, tolerance: Tolerance, route: Route) -> np.ndarray:
-        """Costate (n_x,) before the start; derivatives by parameters are added up on the way."""
+        """Costate (n_x,) before the start; adds up derivatives by parameters."""
         motion, dense = self.motion, self.motion.dense
         assert dense is not None
         assert self.last is not None
@@ -300,7 +300,7 @@ class _Number:
         return costate
 
     def _with_samples(self, kicks: Kicks, others: np.ndarray, near: float) -> Kicks:
-        """Kicks by events, and those by the weights of samples; one for each time."""
+        """Kicks of events and of the weights of samples; one for each time."""
         weighed = np.any(self._by_x != 0, axis=1)
         sampled, known = self.motion.time[weighed], np.append(kicks.time, others)
         off = np.abs(sampled[:, None] - known)
@@ -316,7 +316,7 @@ class _Number:
         return found
 
     def _breaks(self, end: float) -> np.ndarray:
-        """Times from the start to `end` at which a schedule goes on."""
+        """Breaks of schedules from the start to `end`."""
         dense = self.motion.dense
         assert dense is not None
         found, start = [np.zeros(0)], float(dense.time[0])
@@ -332,7 +332,7 @@ class _Number:
         return times[(times > start) & (times < end)]
 
     def gradient(self, costate: np.ndarray, doubts: tuple[NonsmoothEvent, ...]) -> Gradient:
-        """What was found, by name."""
+        """The results by name."""
         model, names = self.motion.system.model, [s.name for s in self.motion.schedules]
         return Gradient(
             by_name(model.x, costate),

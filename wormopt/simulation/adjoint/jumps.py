@@ -1,8 +1,8 @@
-"""What an event does to the costate: the saltation matrix, transposed.
+"""Effect of an event on the costate: the saltation matrix, transposed.
 
-At an event x+ = R(t, x-, p), at the time at which g(t, x, p) = 0. A motion beside it comes there
-dt = -(g_x dx + g_p dp) / g' sooner or later, so that dx+ = R_x dx + R_p dp + (R' - f+) dt, where
-g' and R' are rates along the motion before. Times of schedules move nothing.
+At an event x+ = R(t, x-, p), at the time at which g(t, x, p) = 0. A neighbouring motion has it
+dt = -(g_x dx + g_p dp) / g' later, so that dx+ = R_x dx + R_p dp + (R' - f+) dt, where
+g' and R' are rates along the motion before. Breaks of schedules do not move.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from wormopt.simulation.adjoint.costate import Kicks
 from wormopt.simulation.functions import System
 from wormopt.simulation.trajectory import Event, Trajectory
 
-# What errs by more of the usual sizes than this is no guard that has fired, or not the state that
-# was found.
+# Largest error, in nominal sizes, of a guard that has fired and of the simulated state.
 _NEAR = 1e-7
 
 
@@ -35,7 +34,7 @@ class Jumps:
 
     @cached_property
     def guards(self) -> ca.Function:
-        """Per contact velocity, force over the least and under the largest; then switches."""
+        """Per contact velocity, force above the least and below the largest; then switches."""
         symbols, n = self.system.symbols, len(self.contacts)
         guards = ca.SX(0, 1)
         if self.system.exact:
@@ -64,7 +63,7 @@ class Jumps:
         return ca.Function("forward", [*symbols, rate], [value, slope])
 
     def _back(self, function: ca.Function) -> ca.Function:
-        """Weights of a function's entries, carried back to those of state and parameters."""
+        """Propagate weights of a function's entries back to those of state and parameters."""
         _, x, p, _ = symbols = self.system.symbols
         value = function(*symbols)
         weights = ca.SX.sym("weights", value.numel())
@@ -74,31 +73,31 @@ class Jumps:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A motion at one instant: just before what happens there, or just after."""
+    """A motion at one instant, before or after its jump."""
 
     t: float
     x: np.ndarray  # with pushes, which are 0
     p: np.ndarray
     s: np.ndarray
     rate: np.ndarray  # (n_x,)
-    inside: float  # a time on this side, at which schedules hold what they hold here
+    inside: float  # a time on this side, at which schedules have their values of this side
 
     @property
     def arguments(self) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """As the functions of a System take them."""
+        """Arguments for the functions of a System."""
         return self.t, self.x, self.p, self.s
 
 
 @dataclass(frozen=True, eq=False)
 class Jump:
-    """What happens at one instant."""
+    """Jump at one instant."""
 
     jumps: Jumps
     before: Place
     after: Place
     maps: tuple[tuple[ca.Function, np.ndarray], ...]  # of the state, in order, with modes
     events: tuple[Event, ...]
-    guard: int | None  # which of `Jumps.guards` decides when; None where a schedule does
+    guard: int | None  # which of `Jumps.guards` sets the time; None for a schedule
 
     def back(self, costate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Costate before from that after; derivatives by parameters before, and by those after."""
@@ -129,7 +128,7 @@ class Jump:
         return passed, rate
 
     def check(self, sizes: np.ndarray) -> None:
-        """Refuse a jump that is not as it was simulated; `sizes` (n_x,) of the states."""
+        """Refuse a jump that differs from the simulated one; `sizes` (n_x,) of the states."""
         n_x = len(sizes)
         error = np.abs(self._pass()[0][-1][:n_x] - self.after.x[:n_x]) / sizes
         if not error.max(initial=0.0) < _NEAR * (1 + np.abs(self.after.x[:n_x] / sizes).max()):
@@ -150,7 +149,7 @@ def _jumps_of(system: System) -> Jumps:
 
 
 class Instants:
-    """Where a motion jumps, up to some time: by events at which only its rate does, and others."""
+    """Jumps of a motion up to some time: those of its rate only, and others."""
 
     def __init__(self, motion: Trajectory, until: float) -> None:
         assert motion.dense is not None
@@ -168,7 +167,7 @@ class Instants:
             raise _not_understood(float(self._times[np.argmax(wrong)]))
 
     def _places(self, steps: np.ndarray, x: np.ndarray, inside: np.ndarray) -> list[Place]:
-        """Motion at ends of steps (of `Dense.time`) with what holds `inside` a step beside them."""
+        """Motion at ends of steps (of `Dense.time`) with the values `inside` a step beside them."""
         motion, t = self._motion, self._dense.time[steps]
         p = motion.system.scheduled(motion.p, motion.schedules, inside)
         s = motion.s_at(inside)
@@ -184,7 +183,7 @@ class Instants:
         return self._places(steps, x, (time[steps] + time[np.minimum(steps + 1, last)]) / 2)
 
     def start(self) -> Jump:
-        """What rests at the start has no velocity to begin with, however little it is pushed."""
+        """Costate at the start: resting contacts begin without velocity, however small the push."""
         (after,) = self._after(np.array([0]))
         rests = self._motion.system.exact and np.any(after.s[: len(self._jumps.contacts)] == 0)
         maps = ((self._motion.system.project, after.s),) if rests else ()
@@ -192,7 +191,7 @@ class Instants:
 
     @cached_property
     def all(self) -> list[Jump]:
-        """What happens at events, in order of time."""
+        """Jumps at events, in order of time."""
         if not len(self._times):
             return []
         time, steps = self._dense.time, self._step
@@ -215,7 +214,7 @@ class Instants:
         return np.array(found[0]).T, np.array(found[1]).T
 
     def kicks(self, jumps: list[Jump]) -> Kicks:
-        """Jumps at which only the rate of the motion jumps, all at once."""
+        """Jumps of the rate only, all at once."""
         n_x, n_p, m = len(self._sizes), len(self._motion.p), len(jumps)
         time, zero = np.array([jump.before.t for jump in jumps]), np.zeros((m, n_x))
         if not jumps:
@@ -233,7 +232,7 @@ class Instants:
     def _maps(
         self, events: tuple[Event, ...], before: np.ndarray, after: np.ndarray
     ) -> tuple[tuple[ca.Function, np.ndarray], ...]:
-        """How the state changes: by resets, with the modes that were, and by impulses."""
+        """Maps of the state: resets, with the modes before, and impulses."""
         found, modes, jumps = [], before, self._jumps
         for event in events:
             if event.kind == "switch":
@@ -251,7 +250,7 @@ class Instants:
         guards: np.ndarray,
         speeds: np.ndarray,
     ) -> int | None:
-        """Which guard has fired: of those that may have, the one that is nearest to 0 in time."""
+        """The guard that has fired: of the candidates, the one nearest to 0 in time."""
         jumps, n = self._jumps, len(self._jumps.contacts)
         rows = list[int]()
         for event in events:
@@ -260,14 +259,14 @@ class Instants:
                 continue
             i = jumps.contacts.index(event.name)
             rows += [i] if before.s[i] != 0 else [n + i, 2 * n + i]
-        with np.errstate(over="ignore"):  # what does not move at all fires never
+        with np.errstate(over="ignore"):  # a guard at rest never fires
             off = np.abs(guards[rows]) / np.maximum(np.abs(speeds[rows]), np.finfo(float).tiny)
         nearest = int(np.argmin(off))
         if off[nearest] <= _NEAR * (self._dense.time[-1] - self._dense.time[0]):
             return rows[nearest]
         if np.array_equal(before.p, after.p):
             raise _not_understood(before.t)
-        return None  # a schedule has gone on
+        return None  # a break of a schedule
 
 
 def _stacked(places: list[Place]) -> tuple[np.ndarray, ...]:

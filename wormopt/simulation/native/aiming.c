@@ -1,5 +1,5 @@
-/* Into which direction a contact in the plane begins to slip: that of its acceleration. The
-   directions of onset follow the modes in s; see aiming.py and grip.py. */
+/* The direction in which a contact in the plane begins to slip: that of its acceleration.
+   Directions of onset follow the modes in s; see aiming.py and grip.py. */
 #include <math.h>
 #include <string.h>
 
@@ -8,12 +8,12 @@
 enum { N_SWEEPS = 300, N_NEWTON = 30 };
 enum { PATIENCE = 5, TOGETHER = 100 }; /* sweeps before Newton's method, contacts at most */
 static const double ROUND = 6.283185307179586;
-static const double SMALL = 1e-13;  /* share of the force that does not turn a direction */
-static const double FIT = 1e-10;    /* turn, or share of the force, by which directions fit */
-static const double NUDGE = 1e-7;   /* to see how forces change with directions */
-static const double GLANCE = 1e-7;  /* of the whole time, to see how fast a direction turns */
+static const double SMALL = 1e-13;  /* share of the force too small to turn a direction */
+static const double FIT = 1e-10;    /* turn, or share of the force, to which directions must fit */
+static const double NUDGE = 1e-7;   /* step to differentiate forces by directions */
+static const double GLANCE = 1e-7;  /* of the whole time, to measure how fast a direction turns */
 
-/* Of an onset: its direction when it began, half the rate at which that turns, when it began. */
+/* Onset: initial direction, half the rate at which it turns, initial time. */
 static double *direction(const Run *run, long long place) {
     return run->modes + run->in.n_contacts + N_ONSET * place;
 }
@@ -27,7 +27,7 @@ void end_onset(Run *run, long long i) {
     if (run->in.planar[i] >= 0) memset(direction(run, run->in.planar[i]), 0, N_ONSET * sizeof(double));
 }
 
-/* Note where contacts at rest are pushed, before modes change. */
+/* Note the directions of forces on contacts at rest, before modes change. */
 void look_where(Run *run) {
     if (!run->in.aims) return;
     evaluate(run, run->in.aims, run->out.t, run->out.x, run->aims);
@@ -55,7 +55,7 @@ static void turn_onset(Run *run, long long i) {
     double a = 0.0, va = begin, b = begin > 0.0 ? -1e-6 : 1e-6, vb;
     while ((vb = off(run, k, first + b)) * begin > 0.0 && fabs(b) < ROUND)
         a = b, va = vb, b += fmax(-0.5, fmin(b, 0.5));
-    if (!(vb * begin <= 0.0)) { /* a law that is not that of most power may have none */
+    if (!(vb * begin <= 0.0)) { /* other laws than that of largest dissipation may have none */
         off(run, k, first);
         return;
     }
@@ -76,7 +76,7 @@ static void turn_onset(Run *run, long long i) {
     off(run, k, first + b);
 }
 
-/* Put contact i, just let go, on its way. */
+/* Begin the onset of contact i, just released. */
 void begin_onset(Run *run, long long i) {
     const long long k = run->in.planar[i];
     if (k < 0) return;
@@ -102,10 +102,10 @@ static void eliminate(long long m, double matrix[m][m + 1]) {
     }
 }
 
-/* Put m contacts on directions; how far their forces are from those of sliding, and in all. */
+/* Set the directions of m contacts; returns the errors of their forces, and their sum. */
 static double off_together(Run *run, long long m, const long long *who, const double *angles,
                            double *found) {
-    double sum = 0.0; /* which tells what is not finite, too */
+    double sum = 0.0; /* also infinite or NaN if any is */
     for (long long j = 0; j < m; j++) {
         double *d = direction(run, run->in.planar[who[j]]);
         d[0] = cos(angles[j]), d[1] = sin(angles[j]);
@@ -118,8 +118,7 @@ static double off_together(Run *run, long long m, const long long *who, const do
     return sum;
 }
 
-/* Turn m contacts at once by Newton's method, each step as far as it helps. Tells whether they fit,
-   else leaves them. */
+/* Turn m contacts at once by damped Newton steps. Returns whether they fit; else they stay. */
 static int turn_together(Run *run, long long m, const long long *who) {
     double angles[m], before[m], next[m], off_now[m], off_then[m], matrix[m][m + 1];
     for (long long j = 0; j < m; j++) {
@@ -149,7 +148,7 @@ static int turn_together(Run *run, long long m, const long long *who) {
     return sum <= FIT;
 }
 
-/* Turn all that begin to slip until they fit each other. Tells whether they settle. */
+/* Turn all contacts in onset until they fit each other. Returns whether they converge. */
 int sweep_onsets(Run *run) {
     const long long n = run->in.n_contacts;
     long long who[n + 1], m = 0;
@@ -169,7 +168,7 @@ int sweep_onsets(Run *run) {
     return change <= FIT;
 }
 
-/* How far the force of contact i would be from that of sliding, in a moment, at half a rate. */
+/* Force error of contact i shortly after, if it turned at half the rate. */
 static double off_later(Run *run, long long i, double rate) {
     const long long k = run->in.planar[i];
     direction(run, k)[2] = rate;
@@ -178,7 +177,7 @@ static double off_later(Run *run, long long i, double rate) {
     return run->aims[3 * k + 2];
 }
 
-/* Find how fast the directions turn with which contacts have just begun to slip. */
+/* Find how fast the directions of contacts in onset turn. */
 void follow_onsets(Run *run) {
     const long long n = run->in.n_contacts;
     const double glance = GLANCE * (run->in.t_end - run->in.t_start);

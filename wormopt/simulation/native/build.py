@@ -1,8 +1,8 @@
-"""C sources to shared libraries, compiled once and kept in the user's cache folder.
+"""Compiles C sources to shared libraries, once, and keeps them in the user's cache folder.
 
-An entry is named by the hash of everything it depends on and carries the hash of its own bytes at
-its end, so that a damaged one is seen before it is loaded. It is written under another name and
-renamed: who looks it up meanwhile finds it whole or not at all.
+An entry is named by the hash of everything it depends on and ends with the hash of its own bytes,
+so that a damaged one is detected before it is loaded. It is written under another name and
+renamed, so that others see it whole or not at all.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 SHARED = ("-std=c11", "-shared", *(() if sys.platform == "win32" else ("-fPIC",)))
 """Flags that make a shared library."""
 ALL_EXPORTED = "-DCASADI_SYMBOL_EXPORT="
-"""Flag for Windows: CasADi's code would mark its functions for export, and no others would be."""
+"""Flag for Windows: CasADi's code would export its own functions only."""
 _DIGEST = 32
-# compilers for ARM know one of these, those for other processors the other
+# ARM compilers accept one of these flags, others the other
 _OWN_MACHINE = "-mcpu" if platform.machine().lower() in ("arm64", "aarch64") else "-march"
 _FLAGS = (
     *SHARED,
@@ -41,14 +41,14 @@ _FLAGS = (
 
 
 class CompilerError(Exception):
-    """There is no C compiler, or it cannot compile what it is given."""
+    """There is no C compiler, or compilation fails."""
 
 
 @cache
 def compiler() -> tuple[str, ...] | None:
     """Command of the C compiler: ``$CC``, the system's, or that of the package ziglang.
 
-    On Windows the system's is not used: GCC misaligns vectors there (GCC bug 54412).
+    On Windows the system's compiler is not used: GCC misaligns vectors there (GCC bug 54412).
     """
     named = os.environ.get("CC", "").strip()
     if named:
@@ -61,9 +61,9 @@ def compiler() -> tuple[str, ...] | None:
 
 
 def cache_folder() -> Path:
-    """Folder of compiled code, open to this user only.
+    """Folder of compiled code, accessible to this user only.
 
-    Raises CompilerError if it cannot be made or belongs to somebody else.
+    Raises CompilerError if it cannot be made or has another owner.
     """
     folder = user_cache_path("wormopt") / "native"
     try:
@@ -84,10 +84,10 @@ def parts(*names: str) -> list[tuple[str, str]]:
 
 
 def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2") -> ctypes.CDLL:
-    """Load the shared library of some C sources, from the cache where it is there.
+    """Load the shared library of some C sources, from the cache if possible.
 
-    `sources` are (file name, text), headers too; `name` begins the library's file name.
-    Raises CompilerError if it must be compiled and cannot be, or cannot be loaded.
+    `sources` are (file name, text), headers included; `name` begins the library's file name.
+    Raises CompilerError if it cannot be compiled or loaded.
     """
     command = compiler()
     if command is None:
@@ -98,18 +98,18 @@ def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2"
         _compile(path, sources, flags, command)
     try:
         return ctypes.CDLL(str(path))
-    except OSError as error:  # a folder from which nothing may be run, for instance
+    except OSError as error:  # such as a folder without execute permission
         raise CompilerError(f"{path} cannot be loaded: {error}") from error
 
 
-def said(done: subprocess.CompletedProcess[bytes]) -> str:
+def error_output(done: subprocess.CompletedProcess[bytes]) -> str:
     """Error output of a compiler run."""
     return done.stderr.decode(errors="replace").strip()
 
 
 @cache
 def _machine() -> str:
-    """What -march=native depends on."""
+    """Description of the processor, on which -march=native depends."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -130,7 +130,7 @@ def _key(sources: Sequence[tuple[str, str]], flags: Sequence[str], command: Sequ
 
 
 def _whole(path: Path) -> bool:
-    """Whether an entry is there, ours, and not damaged."""
+    """Whether an entry exists, is the user's own, and is undamaged."""
     try:
         content = path.read_bytes()
         mine = sys.platform == "win32" or path.stat().st_uid == os.getuid()
@@ -153,13 +153,13 @@ def _compile(
             # the command is the user's own compiler
             done = subprocess.run(call, cwd=folder, capture_output=True, check=False)  # noqa: S603
             if done.returncode:
-                raise CompilerError(f"{' '.join(command)} failed:\n{said(done)}")
+                raise CompilerError(f"{' '.join(command)} failed:\n{error_output(done)}")
             body = built.read_bytes()
             built.write_bytes(body + hashlib.sha256(body).digest())
             built.chmod(0o700)
             try:
                 built.replace(path)
-            except PermissionError:  # Windows, where another process has it loaded already
+            except PermissionError:  # Windows: another process has loaded it
                 if not _whole(path):
                     raise
     except OSError as error:

@@ -1,21 +1,21 @@
-/* The contact automaton: which contacts slide and which rest, and what switches do. */
+/* The contact automaton: decides which contacts slide and which rest, and fires switches. */
 #include <math.h>
 #include <string.h>
 
 #include "run.h"
 
 static const double F_REST = 1e-13; /* as in `InitialValueProblem.f_rest` */
-static const double OPEN = 1e-10;   /* least determinant that leaves no forces open, see contacts.py */
-static const double HELD = 1e-2;    /* share of what holds at rest, more than errors of an event */
+static const double OPEN = 1e-10;   /* least determinant that determines forces, see contacts.py */
+static const double HELD = 1e-2;    /* share of the holding force at rest, above errors of events */
 
 static int allowed(const Run *run, long long i, double direction) {
     return (run->in.directions[i] & (signbit(direction) ? 2 : 1)) != 0;
 }
 
-/* Whether no force changes the velocity of a contact: it slides at all times. */
+/* Whether no force changes the velocity of a contact: its slip is prescribed. */
 int is_prescribed(const Run *run, long long i) { return (run->in.directions[i] & 4) != 0; }
 
-/* Mode of a contact of prescribed velocity; at 0 it goes on as it accelerates. */
+/* Mode of a contact of prescribed velocity; at velocity 0 its acceleration decides. */
 static void go_as_prescribed(Run *run, long long i, long long forced, double v) {
     double ahead = run->probe[run->in.n_contacts + i];
     if (fabs(v) > run->in.v_stop[i]) ahead = v;
@@ -29,7 +29,7 @@ static void rest(Run *run, long long i) {
     end_onset(run, i);
 }
 
-/* Modes by velocity alone; what does not move is at rest. */
+/* Modes from velocities alone; a contact without velocity rests. */
 static void modes_by_velocity(Run *run, long long forced, const double *v) {
     for (long long i = 0; i < run->in.n_contacts; i++) {
         const double slow = run->before[i] == 0.0 ? run->in.v_drift[i] : run->in.v_stop[i];
@@ -39,24 +39,24 @@ static void modes_by_velocity(Run *run, long long forced, const double *v) {
             go_as_prescribed(run, i, forced, v[i]);
         else if (i != forced && fabs(v[i]) > slow)
             run->modes[i] = allowed(run, i, sign) ? sign : 0.0;
-        else if (run->released[i] != run->out.t) /* else let go this very instant */
+        else if (run->released[i] != run->out.t) /* unless released at this instant */
             rest(run, i);
     }
 }
 
-/* Velocity above which what stops has been stopped by an impulse. */
+/* Velocity above which a stop needs an impulse. */
 static double jump_from(const Run *run, long long i) {
     if (run->before[i] == 0.0) return run->in.v_drift[i];
     return fmax(1e3 * run->in.v_rest[i], run->in.v_stop[i]);
 }
 
-/* Stop what rests. */
+/* Set the velocities of resting contacts to 0. */
 static void stop(Run *run) {
     evaluate(run, run->in.project, run->out.t, run->out.x, run->column);
     memcpy(run->out.x, run->column, run->in.n_x * sizeof(double));
 }
 
-/* Let contacts in the plane rest that others have stopped: they have no direction left. */
+/* Let planar contacts rest that others have stopped: their slip direction is undefined. */
 static void take_along(Run *run) {
     evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
     for (long long i = 0; i < run->in.n_contacts; i++)
@@ -65,7 +65,7 @@ static void take_along(Run *run) {
             run->modes[i] = 0.0;
 }
 
-/* Stop what is held, and moves as after a jump, by impulses on nothing else. */
+/* Stop resting contacts that still move after a jump, by impulses on these contacts only. */
 static void hold(Run *run) {
     const long long n = run->in.n_contacts;
     int hit = 0;
@@ -81,7 +81,7 @@ static void hold(Run *run) {
     evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
 }
 
-/* Note what rests now though its velocity was more than rounding. Tells whether there was any. */
+/* Note contacts that rest now and whose velocity was above rounding. Returns whether any was. */
 static int strike(Run *run, long long forced) {
     int any = 0;
     for (long long i = 0; i < run->in.n_contacts; i++)
@@ -98,27 +98,27 @@ double way_out(const Run *run, long long i) {
 
 double force_scale(const Run *run, long long i) { return run->in.f_rest[i] / F_REST; }
 
-/* Share of what holds a resting contact that is not needed. */
+/* Unused share of the holding force of a contact at rest. */
 double share_left(const Run *run, long long i) {
     return margin(run->probe, run->in.n_contacts, i) / force_scale(run, i);
 }
 
-/* By how much a resting contact lacks force, in units of what is nothing but rounding. */
+/* Force that a resting contact lacks, in units of rounding. */
 static double excess(const Run *run, long long i) {
     if (run->modes[i] != 0.0) return -INFINITY;
     return -margin(run->probe, run->in.n_contacts, i) / run->in.f_rest[i];
 }
 
-/* Whether resting contacts share a freedom and leave their forces open. */
+/* Whether resting contacts share a degree of freedom, so that their forces are undetermined. */
 static int is_open(const Run *run) { return !(run->probe[5 * run->in.n_contacts] > OPEN); }
 
-/* Whether a contact at rest that is to be let go is held after all, see contacts.py. */
+/* Whether a resting contact that is to be released holds after all, see contacts.py. */
 static int is_held(const Run *run, long long i) {
     return run->modes[i] == 0.0 && run->in.coupled && !is_open(run) && share_left(run, i) > HELD;
 }
 
-/* Largest acceleration of all contacts, each in units of its drift, which goes with its nominal
-   speed. */
+/* Largest acceleration of all contacts, each in units of its drift, which is proportional to its
+   nominal speed. */
 static double largest_acceleration(const Run *run) {
     const long long n = run->in.n_contacts;
     double most = 0.0;
@@ -127,8 +127,8 @@ static double largest_acceleration(const Run *run) {
     return most;
 }
 
-/* Of the contacts that `part` lets slide, that which moves most against its mode; -1: none. What
-   an event lets go stays so. */
+/* Among the contacts that `part` lets slide, the one that moves most against its mode; -1: none.
+   A contact that an event released stays released. */
 static long long most_against(const Run *run, const double *modes, long long gone) {
     const long long n = run->in.n_contacts;
     long long worst = -1;
@@ -141,10 +141,10 @@ static long long most_against(const Run *run, const double *modes, long long gon
     return worst;
 }
 
-/* Find how contacts part, as they move at time t; 0 where it remains open. */
+/* Find how contacts part from their motion at time t; 0 if undetermined. */
 static int parts(Run *run, double t, long long gone, double way) {
     const long long n = run->in.n_contacts;
-    const double *rested = run->scan + n; /* modes as velocities have them */
+    const double *rested = run->scan + n; /* modes from velocities */
     for (long long i = 0; i < n; i++)
         if (rested[i] == 0.0 && run->in.directions[i])
             run->modes[i] = i == gone ? way : allowed(run, i, 1.0) ? 1.0 : -1.0;
@@ -163,15 +163,15 @@ static int parts(Run *run, double t, long long gone, double way) {
         const double ahead = run->modes[worst] * run->probe[n + worst] / run->in.v_drift[worst];
         const double rounding = 1e-9 * largest_acceleration(run);
         if (ahead > rounding) return 1;
-        if (ahead > -rounding) return 0; /* it hardly parts from the others */
+        if (ahead > -rounding) return 0; /* the contact hardly parts from the others */
         run->modes[worst] = 0.0;
     }
     return 0;
 }
 
-/* Let contacts slide that cannot rest together: one is on the ground, another on a belt. All slide
-   forward at first; then the one that moves most against its mode is caught, and let go the other
-   way if its force does not hold it. `gone` has been let go by an event. See contacts.py. */
+/* Let contacts slide that cannot rest together, such as one on the ground and one on a belt. All
+   slide forward at first; then the one that moves most against its mode is stopped, and released
+   the other way if its force does not hold it. `gone` was released by an event. See contacts.py. */
 static void part(Run *run, long long gone) {
     const double later[] = {0.0, 1e-7, 1e-5, 1e-3}, span = run->in.t_end - run->in.t_start;
     const double way = gone < 0 ? 0.0 : way_out(run, gone);
@@ -183,8 +183,8 @@ static void part(Run *run, long long gone) {
     run->out.status = NO_CONTACT_MODE;
 }
 
-/* Let go, before anything is stopped, of geared contacts that their force cannot hold: what stopped
-   them where none of it acts would stop all that moves. */
+/* Before stopping anything, release geared contacts that their force cannot hold: stopping them
+   without an acting force would stop everything that moves. */
 static void slide_through(Run *run) {
     const long long n = run->in.n_contacts;
     for (long long i = 0; i < n; i++) {
@@ -196,22 +196,22 @@ static void slide_through(Run *run) {
     }
 }
 
-/* Let a contact go the way it is pulled, after `look_where`. */
+/* Release a contact in the direction of its force, after `look_where`. */
 static void release(Run *run, long long i) {
     run->modes[i] = way_out(run, i);
     if (!allowed(run, i, run->modes[i])) run->out.status = NO_CONTACT_MODE;
     begin_onset(run, i);
 }
 
-/* Let go of resting contacts whose force is out of bounds, the worst one first where they act on
-   each other. Tells whether there was one. */
+/* Release resting contacts whose force is out of bounds, the worst one first if contacts act on
+   each other. Returns whether there was any. */
 static int let_go(Run *run) {
     const long long n = run->in.n_contacts;
     long long worst = -1;
     for (long long i = 0; i < n; i++)
         if (excess(run, i) > (worst < 0 ? 1.0 : excess(run, worst))) worst = i;
     if (worst < 0) return 0;
-    if (is_open(run)) run->out.status = NO_CONTACT_MODE; /* who goes is open */
+    if (is_open(run)) run->out.status = NO_CONTACT_MODE; /* undetermined which one */
     look_where(run);
     for (long long i = 0; i < n; i++) {
         if (run->in.coupled ? i != worst : !(excess(run, i) > 1.0)) continue;
@@ -222,8 +222,8 @@ static int let_go(Run *run) {
     return 1;
 }
 
-/* Catch again what was let go but would move against its mode, by more than rounding; only where
-   contacts act on each other can that be. */
+/* Stop again released contacts that would move against their mode by more than rounding. This
+   happens only where contacts act on each other. */
 static int catch_again(Run *run) {
     const long long n = run->in.n_contacts;
     const double rounding = 1e-9 * largest_acceleration(run);
@@ -258,7 +258,7 @@ static void note_modes(Run *run) {
     if (row) row[0] = run->out.t, memcpy(row + 1, run->modes, run->in.n_s * sizeof(double));
 }
 
-/* Let go of what has to be and catch what has to be, one after the other, until nothing has. */
+/* Alternate releases and stops until neither is needed. */
 static void settle(Run *run) {
     int again = 1, fit = 1;
     for (long long trials = 9 + 8 * run->in.n_contacts; again && trials > 0; trials--) {
@@ -269,18 +269,18 @@ static void settle(Run *run) {
         if (!again && run->in.coupled) again = catch_again(run);
         if (run->out.status == NO_CONTACT_MODE) return;
     }
-    if (again || !fit) run->out.status = NO_CONTACT_MODE; /* which steps in Python may find */
+    if (again || !fit) run->out.status = NO_CONTACT_MODE; /* steps in Python may find the mode */
 }
 
 /* Decide which contacts rest, from velocities and then from forces. `forced` is the contact of an
-   event, or -1: moving, it is at rest now; resting, it is let go. */
+   event, or -1: a moving contact rests from now on, a resting one is released. */
 void decide_modes(Run *run, long long forced, int record) {
     const long long n = run->in.n_contacts;
     if (!run->in.exact || n == 0) return;
     memcpy(run->before, run->modes, run->in.n_s * sizeof(double));
     evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
     if (forced >= 0 && in_onset(run, forced) && run->probe[forced] > run->in.v_stop[forced]) {
-        end_onset(run, forced); /* fast enough for a direction of its own */
+        end_onset(run, forced); /* fast enough to define its own direction */
         forced = -1;
     }
     if (forced >= 0 && is_held(run, forced)) forced = -1;
@@ -289,11 +289,11 @@ void decide_modes(Run *run, long long forced, int record) {
     modes_by_velocity(run, forced, run->scan);
     if (run->in.k) suspect(run, forced);
     if (strike(run, forced)) {
-        /* where contacts act on each other velocities alone would not determine the impulse */
+        /* where contacts act on each other, velocities alone do not determine the impulse */
         if (run->in.coupled) run->out.status = NO_CONTACT_MODE;
         carry(run, run->in.project_along, 0);
     }
-    memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
+    memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before any release */
     part(run, forced >= 0 && run->before[forced] == 0.0 ? forced : -1);
     if (run->out.status == NO_CONTACT_MODE) return;
     slide_through(run);
@@ -302,7 +302,7 @@ void decide_modes(Run *run, long long forced, int record) {
         take_along(run), stop(run);
         for (long long i = 0; i < n; i++) run->scan[n + i] *= run->modes[i] != 0.0;
     }
-    if (forced >= 0 && run->before[forced] == 0.0) { /* what it had of drift has been stopped */
+    if (forced >= 0 && run->before[forced] == 0.0) { /* its remaining drift is removed */
         if (is_open(run)) run->out.status = NO_CONTACT_MODE;
         look_where(run);
         release(run, forced);
@@ -311,7 +311,7 @@ void decide_modes(Run *run, long long forced, int record) {
     settle(run);
     if (run->out.status == NO_CONTACT_MODE) return;
     if (run->in.k) doubt_decision(run, forced, !record);
-    carry(run, run->in.project_along, 0); /* what rests has no velocity */
+    carry(run, run->in.project_along, 0); /* resting contacts have no velocity */
     if (run->in.aims) follow_onsets(run);
     for (long long i = 0; i < n; i++) {
         if (record) note_change(run, i, forced);
@@ -321,15 +321,16 @@ void decide_modes(Run *run, long long forced, int record) {
     if (!record || memcmp(run->before, run->modes, run->in.n_s * sizeof(double))) note_modes(run);
 }
 
-/* A switch that has fired may do so again at once if its guard falls now, be it from a rounding
-   error above 0: a ball that bounces lower and lower must not fall through the floor. Else it does
-   once its guard was below 0 by more than that error. `rate` is that of the guard as it fired. */
+/* Arm a switch that has fired. It may fire again at once if its guard falls now, even from a
+   rounding error above 0: a ball that bounces lower and lower must not fall through the floor.
+   Otherwise it may fire once its guard was below 0 by more than that error. `rate` is the rate of
+   the guard when it fired. */
 static void note_fired(Run *run, long long which, double residual, double rate, int jumped) {
     event_values(run, run->out.t, run->out.x, run->value);
     const double value = run->value[which];
     const long long k = which - n_exact(run);
     const int falls = run->guard[run->in.n_switches + k] < -1e-9 * rate;
-    const int near = value >= -residual; /* left clearly above 0, it must come from below */
+    const int near = value >= -residual; /* otherwise it must come from below */
     const int again = run->in.crosses[k] || falls;
     run->level[which] = again && near ? 2.0 * fmin(value, 0.0) - 1e-300 : -INFINITY;
     run->jumped[k] = jumped && run->in.crosses[k];
@@ -342,15 +343,15 @@ static void reset_state(Run *run, long long k) {
     memcpy(run->out.x, run->reset + k * run->in.n_x, run->in.n_x * sizeof(double));
 }
 
-/* The same, for good. */
+/* Reset the state as switch k does, and record the event. */
 static void fire(Run *run, long long k) {
     carry(run, run->in.resets_along, k * run->in.n_x);
     reset_state(run, k);
     note_event(run, run->in.n_contacts + k, SWITCH, 0.0);
 }
 
-/* Of the state whose event values are known: whether a switch that must be crossed is at its guard;
-   whether its guard has jumped above 0; whether the motion is led back to it, or is beyond it. */
+/* Predicates after event_values. is_at: a crossed switch is at its guard; has_jumped: its guard has
+   jumped above 0; returns: the motion leads back to the guard, or is beyond it. */
 static int is_at(const Run *run, long long k) {
     return fabs(run->value[n_exact(run) + k]) <= run->near[k];
 }
@@ -365,13 +366,13 @@ static int returns(const Run *run, long long k) {
     return has_jumped(run, k) || (is_at(run, k) && rate > 1e-9 * run->approach[k]);
 }
 
-/* The same, or it stays there. */
+/* Like `returns`, or the motion stays at the guard. */
 static int lingers(const Run *run, long long k) {
     const double rate = run->guard[run->in.n_switches + k];
     return has_jumped(run, k) || (is_at(run, k) && rate > -1e-9 * run->approach[k]);
 }
 
-/* First switch of which it is so; -1: none. */
+/* First switch that satisfies the predicate; -1: none. */
 static long long first_of(Run *run, int (*is)(const Run *, long long)) {
     event_values(run, run->out.t, run->out.x, run->value);
     for (long long k = 0; k < run->in.n_switches; k++)
@@ -379,7 +380,7 @@ static long long first_of(Run *run, int (*is)(const Run *, long long)) {
     return -1;
 }
 
-/* Fire the switches of a choice, and those whose guards jump then; gives how many these are. */
+/* Fire the switches of a choice, and those whose guards then jump; returns how many these are. */
 static long long choose(Run *run, const long long *at, int choice, void (*how)(Run *, long long)) {
     long long n = 0, k;
     for (int bit = 0; choice >> bit; bit++)
@@ -391,10 +392,10 @@ static long long choose(Run *run, const long long *at, int choice, void (*how)(R
 
 static int count_bits(int bits) { return bits ? (bits & 1) + count_bits(bits >> 1) : 0; }
 
-/* Fire all switches that must fire with switch k, which must be crossed. Where several guards are 0
-   together, or jump, the first choice of these switches is taken with which the motion leaves all
-   their guards. It slides if none does, and it is led back to that of switch k. `residual`, `rate`:
-   how exactly k has been found; the rates of all guards before it fired are in `approach`. */
+/* Fire all switches that must fire together with the crossed switch k. If several guards are 0 or
+   jump at once, take the first choice of switches after which the motion leaves all their guards.
+   It slides if no choice does so and the motion leads back to the guard of switch k. `residual` and
+   `rate`: accuracy of the event; `approach` contains the rates of all guards before it fired. */
 static void cross(Run *run, long long k, double residual, double rate) {
     enum { TOGETHER = 8 };
     const long long n = run->in.n_switches, m = n_exact(run), size = run->in.n_x;
@@ -425,7 +426,7 @@ static void cross(Run *run, long long k, double residual, double rate) {
     const long long jumped = choose(run, at, found, fire);
     if (found || jumped) decide_modes(run, -1, 1);
     for (long long i = 0; i < jumped; i++) note_fired(run, m + (long long)run->jumps[i], 0.0, 0.0, 1);
-    for (long long j = 0; j < n; j++) { /* those that have not fired must not do so by rounding */
+    for (long long j = 0; j < n; j++) { /* switches that have not fired must not fire by rounding */
         event_values(run, run->out.t, run->out.x, run->value);
         if (is_at(run, j)) note_fired(run, m + j, run->near[j], run->approach[j], 0);
     }
@@ -437,7 +438,7 @@ void apply_event(Run *run, long long which, int jumped) {
         decide_modes(run, which, 1);
         return;
     }
-    double residual = 0.0, rate = 0.0; /* how far from 0 the guard may be by rounding */
+    double residual = 0.0, rate = 0.0; /* rounding error of the guard */
     if (!jumped) {
         event_values(run, run->out.t, run->out.x, run->value);
         for (long long j = 0; j < n; j++) run->approach[j] = fabs(run->guard[n + j]);

@@ -25,7 +25,7 @@ long long n_exact(const Run *run) { return run->in.exact ? run->in.n_contacts : 
 
 long long n_functions(const Run *run) { return n_exact(run) + run->in.n_switches; }
 
-/* Size below which event function j is nothing but rounding. */
+/* Size below which event function j is rounding. */
 double small(const Run *run, long long j) {
     if (j >= n_exact(run)) return run->passed[j - n_exact(run)];
     return run->modes[j] ? run->in.v_rest[j] : run->in.f_rest[j];
@@ -36,8 +36,8 @@ double margin(const double *probe, long long n, long long i) {
     return fmin(force - least, largest - force);
 }
 
-/* Of a moving contact in the plane. `reach`: speed of a stop; least and largest speed at the end of
-   an onset, the least over its largest error. */
+/* For a moving contact in the plane. `reach`: speed of a stop; least and largest speed at the end
+   of an onset; the least over its largest error. */
 static double planar_value(const Run *run, long long i, double v) {
     const long long n = run->in.n_contacts;
     const double *reach = run->in.reach + i, error = -run->probe[2 * n + i];
@@ -75,8 +75,8 @@ static int only_velocities(const Run *run) {
     return only;
 }
 
-/* Whether a velocity stays away from 0 in the closed step: its values at both ends and the least and
-   largest slope of all stages leave no room for it, or it sets out from 0 and all slopes lead on. */
+/* Whether a velocity cannot reach 0 in the closed step: its values at both ends and the slopes of
+   all stages exclude it, or it starts at 0 and all slopes lead away. */
 static int keeps_away(const Run *run, double h, long long i) {
     const long long m = run->in.velocity_state[i];
     const double a = run->modes[i] * run->out.x[m], b = run->modes[i] * run->x_new[m];
@@ -91,8 +91,7 @@ static int keeps_away(const Run *run, double h, long long i) {
     return near > rest && a * rises - b * falls + h * falls * rises > 0.3 * near * width;
 }
 
-/* Whether the closed step has no event because every velocity stays away from 0. Saves the
-   polynomial. */
+/* Whether the closed step has no event because no velocity can reach 0. Saves the polynomial. */
 int keep_sliding(Run *run, double h) {
     if (run->in.k || !only_velocities(run)) return 0;
     fetch_stages(run);
@@ -119,7 +118,7 @@ static double value_within(Run *run, long long j, double theta, double h) {
     return run->value[j];
 }
 
-/* Least value of function j between a and b by golden sections. */
+/* Least value of function j between a and b by golden section. */
 static double lowest(Run *run, long long j, double h, double a, double b, double *at) {
     const double ratio = 0.6180339887498949;
     double p = b - ratio * (b - a), q = a + ratio * (b - a);
@@ -162,7 +161,7 @@ static double crossing(Run *run, long long j, double h, double a, double b, doub
 }
 
 /* First crossing of function j in the sampled step if it is before `limit`, else 2; notes its level
-   if there is none at all. The values at the limit are the last row but one. */
+   if it has none. The values at the limit are the last row but one. */
 static double first_crossing(Run *run, long long j, double h, const double *value, double limit) {
     const long long n = n_functions(run);
     double level = run->level[j];
@@ -195,8 +194,8 @@ static double first_crossing(Run *run, long long j, double h, const double *valu
     return 2.0;
 }
 
-/* Where function j, found to cross at theta, falls through its level, which is noted. That of a
-   switch that has fired is 0 if it has been above 0 since, be it between samples. */
+/* Where function j, found to cross at theta, falls through its level, which is noted. The level of
+   a fired switch is 0 if the function was above 0 since, even between samples. */
 static double crossing_since(Run *run, long long j, double h, double theta) {
     const long long n = n_functions(run);
     double *level = run->scan + (N_SAMPLES + 1) * n + j;
@@ -214,7 +213,7 @@ static double crossing_since(Run *run, long long j, double h, double theta) {
     return theta;
 }
 
-/* Refuse a prescribed velocity that is 0 for a while: the force of its contact is open. */
+/* Reject a prescribed velocity that stays 0 for a while: its contact force is undetermined. */
 static void check_moves(Run *run, double h) {
     const long long n = n_functions(run);
     const int is_long = h > AT_REST * (run->in.t_end - run->in.t_start);
@@ -243,7 +242,7 @@ double find_event(Run *run, double h, long long *which) {
     }
     if (first > 1.0) memcpy(run->level, run->scan + (N_SAMPLES + 1) * n, n * sizeof(double));
     else run->level[*which] = run->scan[(N_SAMPLES + 1) * n + *which];
-    /* what has been well above 0 before the event is armed, whoever has it */
+    /* functions well above 0 before the event are armed, whichever has the event */
     for (int k = 1; k < N_SAMPLES && SAMPLES[k] < first && first <= 1.0; k++)
         for (long long j = 0; j < n; j++)
             if (j != *which && run->scan[k * n + j] > small(run, j)) run->level[j] = 0.0;
@@ -251,7 +250,7 @@ double find_event(Run *run, double h, long long *which) {
     return first;
 }
 
-/* Whether function j would fall next to nothing below 0 after theta, and rise again in the step. */
+/* Whether function j would fall only negligibly below 0 after theta, and rise again in the step. */
 int grazes(Run *run, double h, double theta, long long j) {
     const long long n = n_functions(run);
     const double end = run->scan[(N_SAMPLES - 1) * n + j];
@@ -263,8 +262,8 @@ int grazes(Run *run, double h, double theta, long long j) {
            && lowest(run, j, h, theta, 1.0, &at) >= -run->in.small_value * function_size(run, j, largest);
 }
 
-/* Whether a switch that has just fired does so again while its guard falls: a ball on its way up
-   from a floor that lies between two numbers. The step of length h was to go much further. */
+/* Whether a switch that has just fired fires again while its guard falls: a ball on its way up from
+   a floor that lies between two numbers. The step of length h was to go much further. */
 int fires_by_rounding(Run *run, double h, long long which) {
     const long long k = which - n_exact(run);
     if (run->out.t - run->fired[k] > SAMPLES[1] * h) return 0;
@@ -272,8 +271,8 @@ int fires_by_rounding(Run *run, double h, long long which) {
     return run->guard[run->in.n_switches + k] < 0.0;
 }
 
-/* Move the end of a step of length h by a time so short that its slope there tells where to, to the
-   last bit. Tells whether it was so short. */
+/* Shift the end of a step of length h by a time so short that its slope there is exact to the last
+   bit. Returns whether the time was that short. */
 static int shift_end(Run *run, double h, double shift) {
     const long long n = run->in.n_x;
     if (run->in.k) return 0;
@@ -314,15 +313,15 @@ double polish_event(Run *run, double h, double theta, long long which) {
     return best;
 }
 
-/* Value above which an event function counts as well above 0: for a switch more than it changes in
-   a time that is nothing but rounding. */
+/* Value above which an event function is well above 0: for a switch more than its change in a time
+   of rounding. */
 static double clearly_above(const Run *run, long long j) {
     if (j < n_exact(run)) return small(run, j);
     const double rate = run->guard[run->in.n_switches + j - n_exact(run)];
     return larger(small(run, j), 1e3 * floor_of_step(run) * fabs(rate));
 }
 
-/* Raise levels of what is well above 0; at the start of a run those of all guards not above 0. */
+/* Raise levels of functions well above 0; at the start of a run those of all guards not above 0. */
 void set_levels(Run *run, int at_start) {
     event_values(run, run->out.t, run->out.x, run->value);
     for (long long j = 0; j < n_functions(run); j++) {

@@ -1,16 +1,16 @@
-/* Where the derivatives of a motion do not exist, or are one-sided; see sensitivity/doubts.py. */
+/* Where the derivatives of a motion do not exist or are one-sided; see sensitivity/doubts.py. */
 #include <math.h>
 #include <string.h>
 
 #include "run.h"
 
 static const double AT_ONCE = 1e-10;  /* of the whole time */
-static const double ALIKE = 1e-6;     /* relative; changes that differ by no more are the same */
+static const double ALIKE = 1e-6;     /* relative; smaller differences do not count */
 
 void doubt(Run *run, double t, long long which, double mode, Reason reason) {
     double *row = grow(run, &run->out.doubts);
     if (!row) return;
-    if (!run->in.exact) which += run->in.n_contacts; /* only switches have events then */
+    if (!run->in.exact) which += run->in.n_contacts; /* only switches have events */
     row[0] = t, row[1] = which, row[2] = mode, row[3] = reason;
 }
 
@@ -20,12 +20,12 @@ static double largest(const double *values, long long count) {
     return found;
 }
 
-/* Of an event whose time's derivatives are known: `rate` of its function, against its parts. */
+/* Doubt an event with known derivatives of its time: `rate` of its function, against its parts. */
 void doubt_event(Run *run, long long which, double rate, double parts) {
     const long long k = run->in.k, contacts = run->in.exact ? run->in.n_contacts : 0;
     const double mode = which < contacts ? run->modes[which] : 0.0, t = run->out.t;
     if (run->grazing || fabs(rate) <= run->in.small_rate * parts) doubt(run, t, which, mode, GRAZING);
-    /* stops of contacts that do not act on each other may come in any order */
+    /* stops of contacts that do not act on each other commute */
     const int stop = mode != 0.0 && !run->in.coupled;
     double apart = 0.0;
     for (long long c = 0; c < k; c++)
@@ -38,7 +38,7 @@ void doubt_event(Run *run, long long which, double rate, double parts) {
     memcpy(run->last_along, run->event_along, k * sizeof(double));
 }
 
-/* Of what stops, but for the contact of an event: whether its velocity would change. */
+/* Doubt stops of contacts other than that of an event, if their velocities would change. */
 void suspect(Run *run, long long forced) {
     const long long n = run->in.n_contacts, k = run->in.k;
     int any = 0;
@@ -56,8 +56,8 @@ void suspect(Run *run, long long forced) {
     }
 }
 
-/* Whether a resting contact would slide on if it moved the way it is pulled: what holds it holds
-   more than what slows it down. Beyond velocities and modes, `scan` is free. */
+/* Whether a resting contact would slide on if it moved in the direction of its force: its holding
+   force exceeds its sliding force. Beyond velocities and modes, `scan` is free. */
 static int slides_on(Run *run, long long i) {
     const long long n = run->in.n_contacts;
     double *probe = run->scan + 2 * n;
@@ -68,7 +68,7 @@ static int slides_on(Run *run, long long i) {
     return slides;
 }
 
-/* Of a decision; the probe is that of the modes decided. At the start nothing comes before. */
+/* Doubt a decision; the probe is that of the decided modes. Nothing precedes the start. */
 void doubt_decision(Run *run, long long forced, int at_start) {
     const long long n = run->in.n_contacts;
     const int stop = forced >= 0 && run->before[forced] != 0.0 && !run->in.coupled;
@@ -81,19 +81,19 @@ void doubt_decision(Run *run, long long forced, int at_start) {
     }
 }
 
-/* Size of event function j, in comparison with which values are small. */
+/* Size of event function j, to which small values are compared. */
 double function_size(const Run *run, long long j, double range) {
     if (j >= (run->in.exact ? run->in.n_contacts : 0)) return range;
     return run->modes[j] != 0.0 ? run->in.nominal_speed[j] : force_scale(run, j);
 }
 
-/* Of the lowest value of event function j that is no event, against its range there. */
+/* Doubt the lowest value of event function j without an event, against its range there. */
 void note_touch(Run *run, long long j, double at, double value, double range) {
     const double size = function_size(run, j, range);
     if (value <= run->in.small_value * size && run->touch[j] > at) run->touch[j] = at;
 }
 
-/* Of what was touched before `first` in the step of length h. */
+/* Doubt near events before `first` in the step of length h. */
 void doubt_touches(Run *run, double h, double first) {
     const long long n = run->in.exact ? run->in.n_contacts : 0;
     for (long long j = 0; j < n_functions(run); j++)
@@ -101,18 +101,18 @@ void doubt_touches(Run *run, double h, double first) {
             doubt(run, run->out.t + run->touch[j] * h, j, j < n ? run->modes[j] : 0.0, GRAZING);
 }
 
-static int is_told(const Run *run, long long which, Reason reason) {
-    const Table *told = &run->out.doubts;
-    for (long long r = told->rows - 1; r >= 0; r--) {
-        const double *row = told->data + told->width * r;
+static int is_doubted(const Run *run, long long which, Reason reason) {
+    const Table *known = &run->out.doubts;
+    for (long long r = known->rows - 1; r >= 0; r--) {
+        const double *row = known->data + known->width * r;
         if (row[0] != run->out.t) return 0;
         if (row[1] == which + (run->in.exact ? 0 : run->in.n_contacts) && row[3] == reason) return 1;
     }
     return 0;
 }
 
-/* Of guards that are next to 0 after a jump, and move: small changes fire their switches or not.
-   What falls to 0 along with the event's own guard does not move. Values are known. */
+/* Doubt moving guards that are near 0 after a jump: small changes decide whether their switches
+   fire. Guards that reach 0 along with that of the event do not move. Values are known. */
 void doubt_landings(Run *run) {
     const long long n = n_functions(run) - run->in.n_switches;
     double *parts = run->reset;
@@ -123,7 +123,7 @@ void doubt_landings(Run *run) {
             const double change = fabs(run->change[j]), value = fabs(run->value[n + j]);
             if (run->level[n + j] == 0.0 && change > ALIKE * parts[j] * fabs(run->event_along[c])
                 && value * run->in.column_size[c] <= run->in.small_value * change
-                && !is_told(run, n + j, EDGE))
+                && !is_doubted(run, n + j, EDGE))
                 doubt(run, run->out.t, n + j, 0.0, EDGE);
         }
     }

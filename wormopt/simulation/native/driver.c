@@ -6,7 +6,7 @@
 
 #include "run.h"
 
-/* Next row of a table, NULL if memory is out: the end of the run. */
+/* Next row of a table, NULL if memory is exhausted, which ends the run. */
 double *grow(Run *run, Table *table) {
     if (table->rows == table->room) {
         long long room = table->room ? 2 * table->room : 64;
@@ -61,7 +61,7 @@ static void start_schedules(Run *run) {
 
 /* -- samples --------------------------------------------------------------------------------- */
 
-/* Whether the polynomial of a step that ends then is asked for. */
+/* Whether the polynomial of a step with this end is needed. */
 static int wants_dense(const Run *run, double end) {
     const long long next = run->out.n_sampled;
     return run->in.keep_dense || (next < run->in.n_times && run->in.times[next] < end);
@@ -72,7 +72,7 @@ static void fit(Run *run, double h) {
     run->has_dense = 1;
 }
 
-/* Keep where a step begins; once there is no more room half of what is kept goes. */
+/* Keep the beginning of a step; drop every second one when the table is full. */
 static void keep_start(Run *run) {
     Table *kept = &run->out.kept;
     if (run->seen++ % run->stride) return;
@@ -87,7 +87,7 @@ static void keep_start(Run *run) {
                kept->width * sizeof(double));
 }
 
-/* Samples within the closed step of length h, its end left to what comes next. */
+/* Samples within the closed step of length h; its end belongs to the next step. */
 static void emit(Run *run, double h, double end) {
     const long long n = run->in.n_all;
     while (run->out.n_sampled < run->in.n_times && run->in.times[run->out.n_sampled] < end) {
@@ -130,21 +130,21 @@ static void swap(double **a, double **b) {
     *a = *b, *b = c;
 }
 
-/* Take over x_new and the time; the derivative there is k[12] if the step is closed. */
+/* Accept x_new and the time; the derivative there is k[12] if the step is closed. */
 static void take_over(Run *run, double end) {
     run->out.t = end;
     swap(&run->out.x, &run->x_new);
     run->out.n_steps++;
 }
 
-/* Everything that may change without time passing, once schedules, state or modes have jumped. */
+/* Process all changes at one instant after schedules, state or modes have jumped. */
 static void start_afresh(Run *run) {
     fire_jumped_switches(run);
     arrive(run);
     derivative(run, run->out.t, run->out.x, run->k[0]);
 }
 
-/* Whether a switch has fired and not been above 0 since; one that is crossed may have been 0 for a
+/* Whether a switch has fired and not been above 0 since. A crossed switch may have been 0 for a
    while, and its guard may have jumped. */
 static int fires_in_vain(Run *run, double h, long long which) {
     const long long k = which - n_exact(run);
@@ -187,7 +187,7 @@ static void accept(Run *run, double h, double end, double error) {
     start_afresh(run);
 }
 
-/* Length of the next step; the status tells where there can be none. */
+/* Length of the next step; sets the status if there is none. */
 double next_length(Run *run) {
     const double stop = smaller(run->in.t_end, run->t_break), left = stop - run->out.t;
     if (run->h_next <= 0.0) run->h_next = first_step(run);
@@ -202,7 +202,7 @@ double next_length(Run *run) {
     return h;
 }
 
-/* What becomes of a step whose error is known, and that is closed if it is good. */
+/* Accept or reject a step of known error; an accepted step is closed. */
 void judge(Run *run, double h, double error) {
     run->has_dense = 0;
     run->bad_number = error != error;
@@ -237,7 +237,7 @@ static void step(Run *run) {
     judge(run, h, error);
 }
 
-/* Whether a run has not come to an end of any kind. */
+/* Whether a run has not ended. */
 int goes_on(Run *run) {
     if (run->out.status != RUNNING) return 0;
     if (run->out.t >= run->in.t_end)
@@ -249,7 +249,7 @@ int goes_on(Run *run) {
 
 /* -- the interface --------------------------------------------------------------------------- */
 
-/* Run on for at most so many steps; gives the status. */
+/* Advance by at most this many steps; returns the status. */
 EXPORT long long wormopt_advance(Run *run, long long steps) {
     while (steps-- > 0 && goes_on(run)) step(run);
     emit_end(run);

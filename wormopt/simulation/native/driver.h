@@ -1,4 +1,4 @@
-/* What the driver is told and what it tells. Both structs are mirrored in kernel.py: change both. */
+/* Input and output of the driver. kernel.py mirrors both structs: change both. */
 #ifndef WORMOPT_DRIVER_H
 #define WORMOPT_DRIVER_H
 
@@ -17,7 +17,7 @@ typedef struct {
     const double *along; /* per piece and value k entries of directions; NULL where there are none */
 } Schedule;
 
-/* Where the entries of a Jacobian stand. */
+/* Positions of the entries of a Jacobian. */
 typedef struct {
     long long count;
     const long long *rows, *columns;
@@ -29,14 +29,14 @@ typedef struct {
     long long n_contacts, n_rows, n_s, n_switches, n_schedules, n_times;
     long long n_iw, n_w, n_arg, n_res; /* work space of the generated functions */
     long long exact, coupled, shares, keep_dense, max_steps, stiff_steps;
-    long long keep; /* how many ends of steps are kept at most; 0: samples at `times` */
+    long long keep; /* most ends of steps to keep; 0: samples at `times` */
     Function rhs;      /* (t, x, p, s) -> x' */
     Function velocities; /* (t, x, p, s) -> velocities of the contacts; smooth only, not where all
                             are states */
     Function probe;    /* (t, x, p, s) -> velocities, accelerations, forces, least and largest force
                           that holds, how well resting contacts determine their forces; exact only */
-    Function aims;     /* (t, x, p, s) -> per contact in the plane a direction and how far it is off */
-    Function bends;    /* (t, x, p, s) -> per contact in the plane what bends its force, and its speed */
+    Function aims;     /* (t, x, p, s) -> per contact in the plane a direction and its error */
+    Function bends;    /* (t, x, p, s) -> per planar contact velocity at the kink, and speed */
     Function project;  /* (t, x, p, s) -> x with the velocities of contacts with s = 0 made zero */
     Function guards;   /* (t, x, p, s) -> guards of the switches, then their rates */
     Function resets;   /* (t, x, p, s) -> states after each switch, one column each */
@@ -44,30 +44,30 @@ typedef struct {
     /* (t, x, p, s, dt, dx, dp) -> changes of velocities and of distances from the least and the
        largest force that hold; of project; of guards; of resets */
     Function contacts_along, project_along, guards_along, resets_along;
-    /* (t, x, p, s) -> how large what these sum up over time is; see doubts.c */
+    /* (t, x, p, s) -> sizes of the integrands; see doubts.c */
     Function contact_parts, guard_parts;
-    Stages own_stages; /* with rhs in its place; NULL where that is too long */
+    Stages own_stages; /* includes rhs; NULL if it would be too long */
     Entries in_x, in_p;
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
-    const long long *planar;         /* per contact its place among those in the plane, or -1 */
+    const long long *planar;         /* per contact its index among those in the plane, or -1 */
     const long long *row_contact, *row_state; /* per component of velocity */
     const long long *directions;     /* per contact 1 forward, 2 backward, 3 both; and 4 where no
                                         force changes its velocity, 8 where none does in places */
     const long long *terminal;       /* per switch: whether the motion ends with it */
     const long long *crosses;        /* per switch: whether the motion must leave it, see Switch */
-    const double *v_rest;            /* per contact: slower counts as at rest */
-    const double *v_drift;           /* the same for one that rests already */
-    const double *f_rest;            /* per contact: force that does not count */
-    const double *v_stop;            /* per contact: speed that is stopped */
+    const double *v_rest;            /* per contact: slower is at rest */
+    const double *v_drift;           /* the same for a contact at rest */
+    const double *f_rest;            /* per contact: negligible force */
+    const double *v_stop;            /* per contact: speed to be stopped */
     const double *nominal_force, *nominal_speed; /* per contact */
     const double *reach;             /* 4 rows, per contact: see event_values */
     const double *v_layer;           /* per contact: where the smooth law is steep */
     const double *absolute;          /* per state */
-    const double *column_size;       /* per direction how large S is expected, in nominal sizes */
+    const double *column_size;       /* per direction the expected size of S, in nominal sizes */
     const Schedule *schedules;
     const double *times;             /* ascending, within [t, t_end] */
     double relative, max_step, t_start, t_end;
-    double small_rate, small_value; /* shares that are next to nothing */
+    double small_rate, small_value; /* negligible shares */
     double unit;  /* absolute tolerance of a state of nominal size 1 */
     double slack; /* how much less exact derivatives may be than states */
 } Problem;

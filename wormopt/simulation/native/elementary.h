@@ -1,17 +1,16 @@
-/* exp, tanh, sine and cosine of a `vec`: a number, or one for each run side by side. What they need
-   of numbers is in numbers.h or lanes.h, which must come first. Functions of the C library go by
-   the names that the compiler knows: to read math.h would take it a tenth of its time. */
+/* exp, tanh, sine and cosine of a `vec`: one number, or one for each run side by side. They use the
+   names that the compiler knows, since reading math.h takes a tenth of the compile time. */
 #ifndef WORMOPT_ELEMENTARY_H
 #define WORMOPT_ELEMENTARY_H
 
-/* a sum with this number has the nearest integer in its last bits */
+/* adding this number moves the nearest integer to the last bits */
 #define TO_INTEGER 0x1.8p52
 
 /* exp(a) = power (1 + sum) for |a| up to 600: Taylor's series about the nearest multiple of log 2 */
 INLINE vec grown(vec a, vec *power) {
     const vec shifted = a * 1.4426950408889634 + TO_INTEGER, n = shifted - TO_INTEGER;
     const vec r = (a - n * 0.693147180369123816490) - n * 1.90821492927058770002e-10;
-    /* by powers of powers of r: each term of Horner's rule would wait for the one before */
+    /* by powers of powers of r: Horner's rule would make each term wait for the one before */
     const vec r2 = r * r, r4 = r2 * r2;
     const vec low = (r * (1 / 6.0) + 0.5) + r2 * (r * (1 / 120.0) + 1 / 24.0);
     const vec middle = (r * (1 / 5040.0) + 1 / 720.0) + r2 * (r * (1 / 362880.0) + 1 / 40320.0);
@@ -22,7 +21,7 @@ INLINE vec grown(vec a, vec *power) {
     return sum * r2 + r;
 }
 
-/* it is 1 to the last bit from 20 on */
+/* 1 to the last bit from 20 on */
 INLINE vec lane_tanh(vec a) {
     const vec size = lane_abs(a), most = PICK(size > 20.0, ALL(20.0), size);
     vec power, sum = grown(2.0 * most, &power);

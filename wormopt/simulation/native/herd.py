@@ -14,7 +14,7 @@ from wormopt.simulation.native import kernel, lanes
 
 
 def takes(system: System) -> bool:
-    """Whether motions of a system can go side by side; compiles what that needs.
+    """Whether motions of a system can be integrated side by side; compiles the functions.
 
     Raises CompilerError if there is no compiler or it fails.
     """
@@ -28,9 +28,9 @@ def integrate(
     report: Report,
     stiff_steps: int,
 ) -> Iterator[tuple[InitialValueProblem, Outcome]]:
-    """Integrate tasks that differ in numbers only; each with its outcome, when it is at its end.
+    """Integrate tasks that differ in numbers only; yields each with its outcome when it ends.
 
-    A lane whose run has ended takes the next task. Raises as `kernel.integrate`.
+    A lane whose run has ended takes the next task. Raises the errors of `kernel.integrate`.
     """
     waiting = iter(tasks)
     under_way: list[kernel.Run] = []

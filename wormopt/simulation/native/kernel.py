@@ -40,7 +40,7 @@ _CODE = (
     *("variation.c", "doubts.c", "lanes.c"),
 )
 _HEADERS = ("driver.h", "run.h", "tableau.h", "stages.h", "lanes.h")
-# A call of the driver shall last some hundredths of a second, so that it can be interrupted.
+# A call of the driver lasts some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
 
 
@@ -106,7 +106,7 @@ class _Table(Structure):
     )
 
     def view(self) -> np.ndarray:
-        """Rows, as long as the run has its memory."""
+        """Rows; valid as long as the run has its memory."""
         if self.rows == 0:
             return np.zeros((0, self.width))
         return np.ctypeslib.as_array(self.data, (self.rows, self.width))
@@ -132,8 +132,8 @@ class _Report(Structure):
 
 @cache
 def driver() -> ctypes.CDLL:
-    """Load the driver, compiled if it must be."""
-    # as one unit, so that what one file calls of another can stand in its place
+    """Load the driver; compile it if necessary."""
+    # as one unit, so that calls between files can be inlined
     code = "\n".join(text for _, text in parts(*_CODE))
     found = library("driver", [*parts(*_HEADERS), ("unit.c", code)], "-O3")
     found.wormopt_start.restype = POINTER(_Report)
@@ -149,17 +149,17 @@ def driver() -> ctypes.CDLL:
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """What the driver needs to know of a system, whatever its numbers."""
+    """Input of the driver that depends on the system only."""
 
     fields: dict[str, int]  # entries of the problem: numbers and addresses
-    arrays: dict[str, np.ndarray]  # kept alive: fields know their addresses only
+    arrays: dict[str, np.ndarray]  # kept alive: fields are addresses only
     library: ctypes.CDLL  # kept loaded as long as the addresses are in use
-    entries: tuple[np.ndarray, ...]  # where those of Jacobians stand, see `Variation`
+    entries: tuple[np.ndarray, ...]  # positions of entries of Jacobians, see `Variation`
 
 
 @lru_cache(maxsize=64)
 def compiled(system: System, variation: Variation | None = None) -> Compiled:
-    """Compile the functions of a system, or find them in the cache; with derivatives or without.
+    """Compile the functions of a system, with or without derivatives, or find them in the cache.
 
     Raises CompilerError if there is no compiler or it fails.
     """
@@ -207,7 +207,7 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
 
 
 def _schedules(task: InitialValueProblem) -> tuple[ctypes.Array, list[np.ndarray]]:
-    """Mirror schedules; the arrays must be kept as long as the mirror is in use."""
+    """Mirror schedules; the arrays must live as long as the mirror."""
     kept, rows, offset = [], [], task.system.n_fixed
     directions = task.directions.schedules if task.directions else ()
     for schedule, along in zip_longest(task.schedules, directions):
@@ -232,7 +232,7 @@ def _schedules(task: InitialValueProblem) -> tuple[ctypes.Array, list[np.ndarray
 
 
 def _mirrored(entries: np.ndarray) -> _Entries:
-    """Of entries the number, rows and columns."""
+    """Number, rows and columns of entries."""
     rows, columns = (entries[i].ctypes.data for i in range(2))
     return _Entries(entries.shape[1], rows, columns)
 
@@ -258,12 +258,12 @@ def integrate(
 
 
 def work_per_call(task: InitialValueProblem) -> int:
-    """Steps that a call of the driver shall take."""
+    """Number of steps for a call of the driver."""
     return max(_WORK_PER_CALL // len(task.start), 20)
 
 
 class Run:
-    """One motion under way, and the arrays that it needs meanwhile; MemoryError if none is left."""
+    """One running motion and its arrays; MemoryError if memory is exhausted."""
 
     def __init__(self, task: InitialValueProblem, ready: Compiled, stiff_steps: int) -> None:
         self.task = task
@@ -275,28 +275,28 @@ class Run:
 
     @property
     def time(self) -> float:
-        """How far it is."""
+        """Time reached."""
         return float(self.address.contents.t)
 
     @property
     def ended(self) -> bool:
-        """Whether it has come to an end of any kind."""
+        """Whether it has ended."""
         return bool(self.address.contents.status)
 
     def outcome(self, status: str | None = None) -> Outcome:
-        """What it has found so far, with the status that it has itself, or another."""
+        """Results so far, with its own status or another."""
         found = self.address.contents
         return _outcome(found, status or _STATUS[found.status], self.task)
 
     def free(self) -> None:
-        """Give its memory back."""
+        """Free its memory."""
         driver().wormopt_free(self.address)
 
 
 def _problem(
     task: InitialValueProblem, ready: Compiled, stiff_steps: int
 ) -> tuple[_Problem, list[Any]]:
-    """Mirror a task; what is kept must live as long as the mirror is in use."""
+    """Mirror a task; the second result must live as long as the mirror."""
     schedules, kept = _schedules(task)
     arrays = {
         "v_rest": task.v_rest,

@@ -1,6 +1,5 @@
-/* Several runs of one system side by side: the stages of their steps are taken together, one run in
-   each lane of a vector. Everything else about a step is each run's own: its length, whether it is
-   good, breaks, samples, events. */
+/* Several runs of one system side by side: stages of their steps are computed together, one run in
+   each lane of a vector. Each run keeps its own step length, error, breaks, samples and events. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -15,7 +14,7 @@ typedef struct {
     LaneFunction rhs;
     vec t, h;
     vec *k[N_STAGES + 1], *x, *end, *stage, *p, *s;
-    double changed[LANES]; /* per lane the break up to which p is what it is */
+    double changed[LANES]; /* per lane the break up to which p is valid */
     void *memory;
 } Lanes;
 
@@ -41,7 +40,7 @@ static void take(double *to, const vec *from, int lane, long long count) {
     for (long long m = 0; m < count; m++) to[m] = numbers[LANES * m];
 }
 
-/* Where a run stands now. */
+/* Copy the present state of a run to its lane. */
 static void load(Lanes *lanes, int lane) {
     const Run *run = lanes->runs[lane < lanes->count ? lane : 0];
     lanes->t[lane] = run->out.t;
@@ -89,7 +88,7 @@ static vec all_errors(Lanes *lanes) {
     return PICK(scale < INFINITY, known, (vec){} + NAN);
 }
 
-/* Give a run the stages of its step, once somebody asks for more than its two ends. */
+/* Copy the stages of its step to a run, once more than both ends is needed. */
 void fetch_stages(Run *run) {
     const Lanes *lanes = run->lanes;
     if (!lanes || run->fetched) return;
@@ -110,7 +109,7 @@ static void finish(Lanes *lanes, int lane, double error) {
     load(lanes, lane);
 }
 
-/* Whether all runs go on; if so, the lengths of their next steps. */
+/* Whether all runs continue; if so, the lengths of their next steps. */
 static int all_go_on(Lanes *lanes) {
     int good = 1;
     for (int l = 0; l < lanes->count; l++) {
@@ -121,8 +120,8 @@ static int all_go_on(Lanes *lanes) {
     return good;
 }
 
-/* Run several on for at most so many steps each, or until one of them has come to its end. The
-   runs, LANES at most, differ in numbers only, and have no directions. */
+/* Advance up to LANES runs by at most this many steps each, or until one of them ends. The runs
+   differ in numbers only and have no directions. */
 EXPORT long long wormopt_advance_lanes(Run **runs, long long count, LaneFunction rhs,
                                        long long steps) {
     Lanes lanes = {.runs = runs, .count = count, .rhs = rhs};

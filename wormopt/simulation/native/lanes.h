@@ -1,8 +1,8 @@
-/* Vectors of one double per run, and what right-hand sides need of them beside elementary.h. */
+/* Vectors of one double per run; operations of right-hand sides besides those of elementary.h. */
 #ifndef WORMOPT_LANES_H
 #define WORMOPT_LANES_H
 
-/* a product and a sum in one: nothing here wants them rounded apart, and lanes gain a fifth */
+/* fuse multiply-add: separate rounding is not needed, and lanes gain a fifth */
 #pragma GCC optimize("fp-contract=fast")
 
 enum { LANES = 8 };
@@ -34,7 +34,7 @@ static const ivec NO_SIGN = {
     ({ vec each_ = (a), with_ = (b);                                   \
        for (int l = 0; l < LANES; l++) each_[l] = __builtin_##f(each_[l], with_[l]); each_; })
 
-/* found, and where a mask is not set what the C library finds: whatever the other runs are at */
+/* `found`, or the result of the C library where a mask is not set, whatever the other runs do */
 #define ELSE_EACH(f, a, mask, found)                                                            \
     ({ const vec at_ = (a); const ivec good_ = (mask); vec found_ = (found);                    \
        long long all_ = -1;                                                                     \

@@ -1,4 +1,4 @@
-"""Right-hand sides for several runs at a time: C in which every number is a vector of them."""
+"""Right-hand sides for several runs at a time: C in which every number is a vector of runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wormopt.simulation.native.build import library, parts
 LANES = 8
 """Runs side by side, as in lanes.h."""
 
-# Instructions; beyond, compiling costs more than the vectors save.
+# Most instructions; beyond, compiling costs more than vectors save.
 _LONGEST = 5_000
 
 OPERATIONS = {
@@ -66,7 +66,7 @@ void rhs(const vec *t, const vec *x, const vec *p, const vec *s, vec *restrict d
 
 @lru_cache(maxsize=64)
 def compiled(system: System) -> ctypes.CDLL | None:
-    """`rhs` of a system for lanes; None if it has what vectors have not, or is too long.
+    """`rhs` of a system for lanes; None if it is too long or has operations without vectors.
 
     Raises CompilerError if there is no compiler or it fails.
     """
@@ -80,7 +80,7 @@ def _library(text: str) -> ctypes.CDLL:
 
 
 def source(function: ca.Function) -> str | None:
-    """C code of a function of (t, x, p, s), one line an instruction; None where there is none."""
+    """C code of a function of (t, x, p, s), one line per instruction; None if impossible."""
     if not function.is_a("SXFunction") or function.n_instructions() > _LONGEST:
         return None
     lines, declared = [], set[int]()
@@ -105,6 +105,6 @@ def source(function: ca.Function) -> str | None:
 
 
 def number(value: float) -> str:
-    """Give a number as C writes it, to the last bit."""
+    """Format a number in C exactly."""
     known = {"inf": "__builtin_inf()", "-inf": "-__builtin_inf()", "nan": '__builtin_nan("")'}
     return known.get(str(value), value.hex())

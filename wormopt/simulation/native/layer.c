@@ -1,12 +1,12 @@
-/* What a step may pass unseen: the steep part of a smooth law, bends of forces in the plane. */
+/* What a step may miss: the steep part of a smooth law, kinks of forces in the plane. */
 #include <math.h>
 
 #include "run.h"
 
 enum { N_LOOKS = 17 };
 
-/* Least of sign v within a step, by parabolas through neighbouring samples: a dip may be far shorter
-   than the time between two of them. */
+/* Least of sign v within a step, by parabolas through neighbouring samples: a dip may be far
+   shorter than the time between samples. */
 static double least_between(const double *v, double sign) {
     double least = INFINITY;
     for (int k = 1; k < N_LOOKS - 1; k++) {
@@ -18,7 +18,7 @@ static double least_between(const double *v, double sign) {
     return least;
 }
 
-/* Value at theta of the cubic that has a state's values and derivatives at both ends of a step. */
+/* Value at theta of the cubic through the values and derivatives of a state at both ends. */
 static double cubic(const Run *run, long long m, double h, double theta) {
     const double a = run->out.x[m], rise = run->x_new[m] - a;
     const double first = h * run->k[0][m], last = h * run->k[12][m];
@@ -26,8 +26,8 @@ static double cubic(const Run *run, long long m, double h, double theta) {
     return a + theta * (first + theta * (square + theta * cube));
 }
 
-/* Velocity of a contact at theta: by the step's own polynomial, and by the cubics. Stages of the
-   polynomial may lie within a dip and bend it, while the cubics know the ends only. */
+/* Velocity of a contact at theta from the polynomial of the step and from the cubics. Stages within
+   a dip may distort the polynomial, while the cubics use both ends only. */
 static void look(Run *run, long long i, double h, double theta, double *v, double *plain) {
     const long long m = run->in.velocity_state[i], n_x = run->in.n_x;
     if (m >= 0) {
@@ -43,8 +43,8 @@ static void look(Run *run, long long i, double h, double theta, double *v, doubl
     *plain = run->probe[i];
 }
 
-/* Whether a velocity enters the steep layer of the smooth law and leaves it again within the step:
-   the steep part would act between the stages and no error estimate would know. */
+/* Whether a velocity enters and leaves the steep layer of the smooth law within the step: the layer
+   would act between the stages, unseen by the error estimate. */
 int dips_into_layer(Run *run, double h) {
     for (long long i = 0; i < run->in.n_contacts; i++) {
         const double layer = 8 * run->in.v_layer[i];
@@ -68,8 +68,8 @@ int dips_into_layer(Run *run, double h) {
     return 0;
 }
 
-/* Whether a long step goes over velocity 0 along the heading of a contact in the plane, where its
-   force bends: the error estimate may miss it by chance. */
+/* Whether a long step passes velocity 0 along the heading of a contact in the plane, where its
+   force has a kink that the error estimate may miss. */
 int goes_over_bend(Run *run, double h) {
     double *before = run->bend, *after = run->bend + 2 * run->in.n_contacts;
     evaluate(run, run->in.bends, run->out.t, run->out.x, before);

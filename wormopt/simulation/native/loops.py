@@ -1,8 +1,8 @@
-"""C code of functions of scalars, with a loop for what is done to many links alike.
+"""C code of functions of scalars, with loops over equal operations of many links.
 
-A function is cut into expressions: what it returns, and what is used more than once. Those of equal
-shape that do not wait for one another make a loop over vectors of eight; what they read and write
-is counted off, or looked up in a table where there is no rule.
+A function is split into expressions: its results, and values used more than once. Independent
+expressions of equal shape become a loop over vectors of eight; its inputs and outputs are indexed
+by a rule, or by a table if there is none.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ import numpy as np
 from wormopt.numerics.instructions import read
 from wormopt.simulation.native.lanes import LANES, OPERATIONS, number
 
-# Operations of one expression: longer ones are cut, for a line shall not grow without end.
+# Most operations of one expression: longer ones are split to limit the length of lines.
 _LARGEST = 60
-# So many numbers to work on are the function's own, which the compiler can keep in registers.
+# Up to this many working numbers are local, so that the compiler can keep them in registers.
 _AT_HAND = 256
 
-# What is done with one number is told as what is done with vectors, with this before its name.
+# Prefix of the names of operations with one number, instead of vectors.
 _ONE = "one_"
 _NAMES = "lane_(?:sqrt|abs|max|min|square|sign|tanh|exp|sin|cos)|ALL|TRUTH|WHERE|EACH_2|EACH"
 _OF_VECTORS = re.compile(rf"\b(?={_NAMES}\b)")
 
 FUSED = '__attribute__((optimize("fp-contract=fast")))'
-"""Products and sums in one, as in lanes.h."""
+"""Fuse multiply-add, as in lanes.h."""
 ARGUMENTS = "const double **arg, double **res, long long *iw, double *work, int mem"
 
-# By loops before them, array and shape of what is put there: the instructions that put it.
+# By number of preceding loops, array and shape of the result: its instructions.
 _Groups = dict[tuple[int, str, str], list[int]]
 _PLACE = re.compile(r"\$(\w+);")
 
 
 class _Expression(NamedTuple):
-    """What an instruction makes, without the entries: alike elsewhere with others."""
+    """Expression of an instruction without entries: the same shape may occur elsewhere."""
 
-    shape: str  # in C, with $array; where an entry stands
+    shape: str  # in C, with $array for an entry
     size: int = 0  # operations
-    level: int = 0  # loops before it
+    level: int = 0  # preceding loops
 
 
 def source(function: ca.Function) -> tuple[str, int] | None:
-    """C code in CasADi's form and how many numbers it works on; None where there is none."""
+    """C code in CasADi's form and number of working numbers; None if impossible."""
     if not function.is_a("SXFunction"):
         return None
     try:
@@ -67,30 +67,30 @@ def source(function: ca.Function) -> tuple[str, int] | None:
         *(f"  const double *restrict a{k} = arg[{k}];" for k in range(function.n_in())),
         *(f"  double *restrict r{k} = res[{k}];" for k in range(function.n_out())),
     ]
-    # what is not in loops stands where CasADi has it, so that little waits in registers
-    told: list[tuple[int, list[str]]] = []
+    # operations outside loops keep CasADi's order, so that few values wait in registers
+    code: list[tuple[int, list[str]]] = []
     for array, shape, rows in groups:
         if len(rows) < LANES:
-            told += [(k, [f"  {_statement(array, shape, row)}"]) for k, *row in rows.tolist()]
+            code += [(k, [f"  {_statement(array, shape, row)}"]) for k, *row in rows.tolist()]
         else:
-            told.append((rows[-1, 0], _loop(array, shape, rows[:, 1:])))
+            code.append((rows[-1, 0], _loop(array, shape, rows[:, 1:])))
     if not vectors:
-        told.sort(key=lambda one: one[0])
-    lines += [line for _, each in told for line in each]
+        code.sort(key=lambda one: one[0])
+    lines += [line for _, each in code for line in each]
     return "\n".join([*lines, "  return 0;", "}", ""]), n_w
 
 
 def _grouped(
     function: ca.Function, operations: np.ndarray, places: np.ndarray, given: np.ndarray
 ) -> _Groups:
-    """Expressions by shape; those that are used more than once go to w."""
+    """Expressions by shape; those used more than once are stored in w."""
     groups: _Groups = defaultdict(list)
 
     @cache
     def joined(op: int, a: _Expression, b: _Expression, put: int) -> tuple[_Expression, list[int]]:
-        """What an operation makes of expressions, and its group, or a list that nobody reads.
+        """Expression of an operation, and its group, or a list that is discarded.
 
-        `put`: which output it is, else whether it goes to w.
+        `put`: index of the output, else whether it is stored in w.
         """
         if op == ca.OP_OUTPUT:
             return a, groups[a.level, f"r{put}", a.shape]
@@ -102,7 +102,7 @@ def _grouped(
 
     inputs, constants, ends = (operations == op for op in (ca.OP_INPUT, ca.OP_CONST, ca.OP_OUTPUT))
     arrays = [*(_Expression(f"$a{i};") for i in range(function.n_in())), _Expression("")]
-    # by instruction; the last stands for what is not there
+    # by instruction; the last represents none
     found = [arrays[i] for i in np.append(np.where(inputs, places[:, 1], -1), -1).tolist()]
     for k in np.flatnonzero(constants).tolist():
         found[k] = _Expression(f"ALL({number(function.instruction_constant(k))})")
@@ -117,7 +117,7 @@ def _grouped(
 
 
 def _writers(operations: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Which instructions have made the two numbers that each one works on; -1 for none."""
+    """Instructions that compute both operands of each instruction; -1 for none."""
     n, ends = len(operations), operations == ca.OP_OUTPUT
     taken = places[:, 1:].copy()
     taken[operations == ca.OP_INPUT] = -1
@@ -133,16 +133,16 @@ def _writers(operations: np.ndarray, places: np.ndarray) -> np.ndarray:
 def _placed(
     groups: _Groups, operations: np.ndarray, places: np.ndarray, given: np.ndarray
 ) -> tuple[list[tuple[str, str, np.ndarray]], int]:
-    """Arrays, shapes and rows, level by level, with w filled without gaps; how many it holds.
+    """Arrays, shapes and rows, level by level, with w filled without gaps; and the size of w.
 
     A row is an instruction, the entry that it writes and those that it reads.
     """
-    entry = np.full(len(operations), -1)  # of inputs, outputs and what is in w
+    entry = np.full(len(operations), -1)  # of inputs, outputs and entries of w
     for op, column in ((ca.OP_INPUT, 2), (ca.OP_OUTPUT, 1)):
         entry[operations == op] = places[operations == op, column]
 
     def taken(k: np.ndarray) -> Iterator[np.ndarray]:
-        """Entries that alike expressions read, place by place."""
+        """Entries that equal expressions read, operand by operand."""
         for column in given.T:
             a = column[k]
             if a[0] >= 0:
@@ -159,7 +159,6 @@ def _placed(
 
 
 def _statement(array: str, shape: str, row: Sequence[int]) -> str:
-    """One row of a shape."""
     target, *entries = row
     waiting = iter(entries)
     value = _PLACE.sub(lambda place: f"{place[1]}[{next(waiting)}]", _OF_VECTORS.sub(_ONE, shape))
@@ -167,7 +166,7 @@ def _statement(array: str, shape: str, row: Sequence[int]) -> str:
 
 
 def _loop(array: str, shape: str, rows: np.ndarray) -> list[str]:
-    """All rows of a shape, eight at a time; the last eight may have been there before."""
+    """All rows of a shape, eight at a time; the last eight may repeat some."""
     arrays, tables, places = [array, *_PLACE.findall(shape)], [], []
     for k, (name, column) in enumerate(zip(arrays, rows.T, strict=True)):
         first, step = column[0], column[1] - column[0]

@@ -1,4 +1,4 @@
-"""C code of a model's functions, and the library it makes."""
+"""C code of a model's functions, and its library."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import casadi as ca
 from wormopt.simulation.native import loops
 from wormopt.simulation.native.build import library, parts
 
-# Lines from which a function of CasADi's is cut in pieces.
+# Lines from which a generated function is split.
 _TOO_LONG = 2000
 _APART = '__attribute__((noinline, optimize("O1")))'
-# Instructions up to which a right-hand side stands in the place of its calls in a step.
+# Most instructions of a right-hand side that is inlined in a step.
 _SHORT = 100
 _INLINE = "static inline __attribute__((always_inline))"
 HEADERS = (
@@ -25,13 +25,13 @@ HEADERS = (
 
 
 def head(texts: Sequence[str]) -> str:
-    """What comes before code: functions of its own, of vectors where there are loops over them."""
+    """Include of own functions, for vectors if the code has loops."""
     loops_in_it = any("LANES" in text for text in texts)
     return f'#include "{"vectors" if loops_in_it else "singles"}.h"\n'
 
 
 def compiled(functions: Sequence[ca.Function]) -> tuple[ctypes.CDLL, int]:
-    """Library of functions, and how many numbers they work on, see `source`.
+    """Library of functions, and their number of working numbers, see `source`.
 
     Raises CompilerError if there is no compiler or it fails.
     """
@@ -40,24 +40,24 @@ def compiled(functions: Sequence[ca.Function]) -> tuple[ctypes.CDLL, int]:
 
 
 def source(functions: Sequence[ca.Function]) -> tuple[str, int]:
-    """C code of functions for use in one file, and how many numbers they work on.
+    """C code of functions for use in one file, and their number of working numbers.
 
-    The first is the right-hand side; `own_stages` comes with it where it is short. What has loops
-    of its own or unusual operations is told by CasADi.
+    The first is the right-hand side; `own_stages` is added if it is short. CasADi writes functions
+    with own loops or unusual operations.
     """
-    told = [loops.source(function) for function in functions]
-    texts = [one[0] for one in told if one]
-    others = [function for function, one in zip(functions, told, strict=True) if one is None]
-    if told[0]:
+    sources = [loops.source(function) for function in functions]
+    texts = [one[0] for one in sources if one]
+    others = [function for function, one in zip(functions, sources, strict=True) if one is None]
+    if sources[0]:
         texts[0] = _right_hand_side(functions[0], texts[0])
     texts = [head(texts), *texts]
-    if others:  # whose math.h must come before names of it stand for functions of our own
+    if others:  # their math.h must precede macros of its names
         texts = ["#include <math.h>", *texts, _generated(others)]
-    return "\n".join(texts), max(one[1] if one else 0 for one in told)
+    return "\n".join(texts), max(one[1] if one else 0 for one in sources)
 
 
 def _right_hand_side(rhs: ca.Function, text: str) -> str:
-    """Code of it with products and sums in one; with the stages of a step where it is short."""
+    """Code of the right-hand side with fused multiply-add; with the stages of a step if short."""
     if rhs.n_instructions() > _SHORT:
         return f"{loops.FUSED}\n{text}"
     inlined = text.replace("int rhs(", f"{_INLINE} int own_rhs(")
@@ -71,7 +71,7 @@ def _right_hand_side(rhs: ca.Function, text: str) -> str:
 def _generated(functions: Sequence[ca.Function]) -> str:
     """CasADi's code of functions, without checks for absent arguments.
 
-    The compiler's time grows with the square of the length of a function: long ones are cut.
+    The compiler's time grows quadratically with the length of a function: long ones are split.
     """
     text = _dumped(functions, avoid_stack=False)
     if any(len(body[3].splitlines()) >= _TOO_LONG for body in _BODY.finditer(text)):
@@ -95,7 +95,7 @@ _BODY = re.compile(
 
 
 def _cut(function: re.Match[str]) -> str:
-    """Cut the body of a generated function into functions of so many lines."""
+    """Split the body of a generated function into functions of at most this many lines."""
     name, arguments, body = function.groups()
     lines = body.splitlines()
     if len(lines) < _TOO_LONG:

@@ -1,9 +1,9 @@
-/* The stages of a step of one model: put behind its code, where own_rhs is its right-hand side and
-   N_X counts its states. That function stands in the place of its calls, so that what it makes of
-   parameters and modes is made once, and numbers of one stage wait in registers for the next. */
+/* Stages of a step for one model. This file follows the model's code, where own_rhs is the
+   right-hand side and N_X the number of states. The compiler inlines own_rhs, so that terms of
+   parameters and modes are computed once and results of a stage stay in registers. */
 #include "stages.h"
 
-/* as in lanes.h: a product and a sum in one */
+/* fuse multiply-add, as in lanes.h */
 #pragma GCC optimize("fp-contract=fast")
 
 void own_stages(double t, double h, const double *start, const double *p, const double *s,

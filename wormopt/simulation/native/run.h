@@ -1,9 +1,9 @@
-/* The state of one simulation, shared by the files of the driver and by nobody else. */
+/* The state of one simulation, shared by the files of the driver only. */
 #ifndef WORMOPT_RUN_H
 #define WORMOPT_RUN_H
 
 #ifndef _WIN32
-#pragma GCC visibility push(hidden) /* nobody else's: calls within the driver need no look-up */
+#pragma GCC visibility push(hidden) /* calls within the driver need no look-up */
 #endif
 
 #include "driver.h"
@@ -18,52 +18,52 @@
 enum { N_ONSET = 4 }; /* entries of s for the onset of a contact in the plane */
 
 typedef struct {
-    Report out; /* must stay first: the caller sees no more of a run than this */
+    Report out; /* must stay first: callers see only this part */
     Problem in;
     double *k[N_ALL];      /* derivatives of the stages */
     double *x_new, *stage; /* end of the step; scratch, and the state of the last stage */
     double *dense;         /* 8 rows of n_all */
     double *modes, *before; /* s, now and before the last decision: +1, -1, 0 per contact, then
                                onsets */
-    double *bend;          /* velocities that bend forces and speeds, at both ends of a step */
-    double *aims, *toward; /* per contact in the plane: 3 of `aims`; where it is pushed */
-    double *struck;        /* whether what is held has just been stopped */
-    double *fresh;         /* whether a contact has begun to slip this very instant */
-    double *released;      /* when a contact was last let go */
-    long long *cycle, *piece; /* where each schedule stands */
+    double *bend;          /* velocities with kinks of force, and speeds, at both ends of a step */
+    double *aims, *toward; /* per contact in the plane: 3 of `aims`; direction of its force */
+    double *struck;        /* whether a resting contact has just been stopped */
+    double *fresh;         /* whether a contact has begun to slip at this instant */
+    double *released;      /* time of the last release of a contact */
+    long long *cycle, *piece; /* current piece of each schedule */
     double *probe;         /* velocities, accelerations, forces, least, largest force */
     double *guard, *reset; /* guards and their rates; states after switches */
-    double *value, *level; /* per event function: value, and what it falls below at an event */
-    double *passed;        /* per switch: how far above 0 is nothing but rounding since it fired */
-    double *fired;         /* per switch: when it last did */
+    double *value, *level; /* per event function: value, and the level below which it is an event */
+    double *passed;        /* per switch: rounding error of its guard since it fired */
+    double *fired;         /* per switch: time it last fired */
     double *near, *approach; /* per switch: guards up to this are 0; their rates before an event */
     double *jumps, *origin; /* switches that jump at an event, and the state there */
-    double *jumped;        /* per switch that is crossed: whether that was because its guard jumped */
+    double *jumped;        /* per crossed switch: whether its guard jumped */
     double *scan;          /* values at the samples of a step, at the first event, levels */
     double *column;        /* a state in between */
-    double *event_along;   /* derivatives of the time of the event that is under way; else 0 */
+    double *event_along;   /* derivatives of the time of the current event; else 0 */
     double *slope;         /* x' where an event begins or ends */
     double *slopes_x, *slopes_p; /* entries of Jacobians */
-    double *nearby;        /* the same near a point where some are no numbers, from 4 glances */
+    double *nearby;        /* the same at 4 nearby points, where some entries are NaN */
     double *column_x, *column_p, *change; /* of S and of the directions; change along them */
     double *suspect;       /* whether a contact stops along with another, see doubts.c */
-    double *touch;         /* per event function where in a step it all but falls to 0; else INFINITY */
+    double *touch;         /* per event function where it nearly reaches 0 in a step, or INFINITY */
     double *last_along, last_time; /* of the last event: derivatives of its time, its time */
-    long long last;        /* which it was */
-    int grazing;           /* the event under way falls next to nothing below 0 */
-    int last_stop;         /* it was the stop of a contact that does not act on others */
+    long long last;        /* its index */
+    int grazing;           /* the current event hardly falls below 0 */
+    int last_stop;         /* it was the stop of a contact that acts on no other */
     double *column_error;  /* size and errors of each column of S */
-    long long seen, stride; /* steps so far, and each how many of them are kept */
+    long long seen, stride; /* number of steps so far; every stride-th is kept */
     double t_break;        /* next break of any schedule */
-    double h_next, h_whole; /* next step; the one that a break or the end has cut */
+    double h_next, h_whole; /* next step; the step that a break or the end has cut */
     double end;            /* of the step under way */
-    const void *lanes;     /* where the stages of the step stand, see lanes.c; NULL: in k */
-    int lane, fetched;     /* which they are; whether k and stage have them by now */
+    const void *lanes;     /* location of the stages of the step, see lanes.c; NULL: k */
+    int lane, fetched;     /* lane of the run; whether k and stage are up to date */
     long long since_check, stiff_hints, unstiff_hints;
     long long crowd; /* events since crowd_start */
     double crowd_start;
     int by_columns;        /* the error of the step is that of S */
-    int bad_number;        /* the last rejection was for a value that is no number */
+    int bad_number;        /* the last rejection was for a NaN or infinite value */
     int has_dense;         /* the polynomial of the current step is fitted */
     const double **arg;
     double **res;
@@ -71,7 +71,7 @@ typedef struct {
     double *w;
 } Run;
 
-/* Those of math.h are calls, for they heed what is no number. */
+/* The functions of math.h are calls, since they handle NaN. */
 static inline double smaller(double a, double b) { return a < b ? a : b; }
 static inline double larger(double a, double b) { return a > b ? a : b; }
 

@@ -1,5 +1,5 @@
-/* The sums of DOP853, alike for numbers and for vectors of them. Each is written for component m
-   of derivatives k; STAGE(i, sum) says what a stage does with its sum. */
+/* Sums of DOP853, for numbers and for vectors, each written for component m of derivatives k;
+   STAGE(i, sum) defines the use of the sum of stage i. */
 #ifndef WORMOPT_STAGES_H
 #define WORMOPT_STAGES_H
 

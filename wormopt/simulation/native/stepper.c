@@ -1,4 +1,4 @@
-/* One step of DOP853, its error, its dense output. Hairer, Norsett, Wanner, section II.10. */
+/* One step of DOP853, its error and its dense output. Hairer, Norsett, Wanner, section II.10. */
 #include <math.h>
 #include <string.h>
 
@@ -29,17 +29,17 @@ void derivative(Run *run, double t, const double *x, double *dx) {
     for (long long m = 0; m < n; m++) y[m] = x[m] + h * (sum);          \
     derivative(run, t + C[i] * h, y, k[i])
 
-/* The stages of a step whose vectors have n entries, known where this is put in place. */
+/* The stages of a step whose vectors have n entries; n is known after inlining. */
 static inline __attribute__((always_inline)) void take_stages(Run *run, double h, long long n) {
     const double t = run->out.t, *restrict x = run->out.x;
     double **k = run->k, *restrict y = run->stage, *restrict end = run->x_new;
-    run->fetched = 1; /* they stand in k from here on */
+    run->fetched = 1; /* from here on the stages are in k */
     STAGES;
     for (long long m = 0; m < n; m++) end[m] = x[m] + h * STEP_SUM(B);
 }
 
-/* Take the stages of a step of length h from (t, x) with derivative k[0]; x_new is its end. Short
-   vectors go in whole registers, beyond their last entries are zeros. */
+/* Compute the stages of a step of length h from (t, x) with derivative k[0] to its end x_new. Short
+   vectors use whole registers, padded with zeros. */
 void stages(Run *run, double h) {
     if (run->in.own_stages && !run->in.k) {
         run->in.own_stages(run->out.t, h, run->out.x, run->out.p, run->modes, run->k, run->stage,
@@ -68,7 +68,7 @@ double step_error(Run *run, double h) {
         five += e5 * e5;
         three += e3 * e3;
     }
-    five = larger(six, five); /* five alone may be next to nothing by chance, see dop853.py */
+    five = larger(six, five); /* five alone may be small by chance, see dop853.py */
     double scale = five + 0.01 * three;
     if (!(scale < INFINITY)) return NAN;
     const double error = scale > 0.0 ? fabs(h) * five / sqrt(n * scale) : 0.0;
@@ -77,7 +77,7 @@ double step_error(Run *run, double h) {
     return run->by_columns ? other : error;
 }
 
-/* error^(-1/8): a step of order 8 so much longer has an error of 1. */
+/* error^(-1/8), by which a step of order 8 may be longer for an error of 1. */
 double lengthening(double error) { return 1.0 / sqrt(sqrt(sqrt(error))); }
 
 /* Derivative at the end of the step. */
@@ -132,10 +132,10 @@ double first_step(Run *run) {
         slope += (f[m] / scale) * (f[m] / scale);
     }
     double h = size <= 1e-10 || slope <= 1e-10 ? 1e-6 : 0.01 * sqrt(size / slope);
-    /* a state that is all but 0 and moves says nothing of times */
+    /* a moving state near 0 gives no time scale */
     double left = run->in.t_end - run->out.t;
     h = fmin(fmax(h, 1e-9 * left), left);
-    /* beyond a break the formulas of this piece say nothing, polynomials of a short one least */
+    /* beyond a break formulas of this piece are invalid, polynomials of a short one most of all */
     double probe = fmin(h, run->t_break - run->out.t);
     for (long long m = 0; m < run->in.n_all; m++) run->stage[m] = x[m] + probe * f[m];
     derivative(run, run->out.t + probe, run->stage, run->k[1]);
@@ -150,7 +150,7 @@ double first_step(Run *run) {
     return isfinite(wanted) && wanted > 0 ? wanted : h;
 }
 
-/* Whether stability and not accuracy has held the last steps short (Hairer's test). */
+/* Whether stability and not accuracy has limited the last steps (Hairer's test). */
 int looks_stiff(Run *run, double h) {
     if (++run->since_check < 1000 && run->stiff_hints == 0) return 0;
     run->since_check = 0;

@@ -28,7 +28,7 @@ static const double B[N_STAGES] = {0.054293734116568765, 0.0, 0.0, 0.0, 0.0, 4.4
 /* differences to the embedded formulas of order 5 and 3 */
 static const double E5[N_STAGES] = {0.01312004499419488, 0.0, 0.0, 0.0, 0.0, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864, -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294};
 static const double E3[N_STAGES] = {-0.18980075407240762, 0.0, 0.0, 0.0, 0.0, 4.450312892752409, 1.8915178993145003, -5.801203960010585, -0.4226823213237919, -0.1521609496625161, 0.20136540080403034, 0.02265179219836082};
-/* difference to one of order 6: 1e-4 of the sixth divided difference of seven slopes */
+/* difference to order 6: 1e-4 of the sixth divided difference of seven slopes */
 static const double E6[N_STAGES] = {0.011643700787401576, 0.0, 0.0, 0.0, 0.0, -3.1613159824046972, -0.9756962976884045, 3.981264296936376, -0.33177589462510565, 0.4632675438596489, 0.012612633134780936, 0.0};
 /* rows 4..7 of the dense output */
 static const double D[4][N_ALL] = {

@@ -1,12 +1,12 @@
-/* Derivatives of the motion along k directions: columns S of the model's states, row by row behind
-   x, by the variational equations; what events do to them. See sensitivity/variation.py. */
+/* Derivatives of the motion along k directions: columns S of the model's states, stored row by row
+   after x, by the variational equations and their jumps at events. See sensitivity/variation.py. */
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
 #include "run.h"
 
-/* Distance, in nominal sizes, at which limits of slopes are seen. */
+/* Distance, in nominal sizes, at which limits of slopes are estimated. */
 static const double NEARBY = 1e-10;
 
 static const double *directions(const Run *run) { return run->out.p + run->in.n_p; }
@@ -44,7 +44,7 @@ static void look_nearby(Run *run, int glance, double t, const double *x, const d
     evaluate(run, run->in.slopes, t + after, y, run->slope);
 }
 
-/* Whether a pair of values at a distance and one four times as close have a common limit. */
+/* Whether two values, one at a distance and one four times as close, have a common limit. */
 static int converge(double a, double b, double near_a, double near_b) {
     const double apart = fabs(a - b), near = fabs(near_a - near_b);
     const double size = larger(fabs(near_a), fabs(near_b));
@@ -52,7 +52,7 @@ static int converge(double a, double b, double near_a, double near_b) {
            && near <= larger(0.6 * apart, 1e-4 * size);
 }
 
-/* Take slopes that are no numbers from nearby. Glances a and b lie apart, c and d four times as
+/* Replace slopes that are NaN by those nearby. Points a and b are apart, c and d four times as
    close. */
 static void adopt(Run *run, int a, int b, int c, int d) {
     const long long in_x = run->in.in_x.count, count = in_x + run->in.in_p.count;
@@ -65,8 +65,8 @@ static void adopt(Run *run, int a, int b, int c, int d) {
     }
 }
 
-/* Slopes may be 0/0 where the motion is smooth, as those of v |v| at rest: then their limit counts,
-   along the motion, or from both sides where nothing moves. */
+/* Slopes may be 0/0 where the motion is smooth, such as those of v |v| at rest. Use their limit
+   along the motion, or from both sides if nothing moves. */
 static void take_limits(Run *run, double t, const double *x, const double *dx) {
     double most = 0.0, *way = run->column_x;
     for (long long m = 0; m < run->in.n_model; m++) {
@@ -106,8 +106,8 @@ void vary(Run *run, double t, const double *x, double *dx) {
     multiply(&run->in.in_p, run->slopes_p, directions(run), dx + n, k);
 }
 
-/* Error of the step in S: the worst column counts. Sizes of columns are their own, in units of the
-   nominal sizes of states, or their floor. */
+/* Error of the step in S, that of the worst column. The size of a column is its own, in units
+   of nominal sizes of states, or its floor. */
 double columns_error(Run *run, double h) {
     const long long n = run->in.n_model, k = run->in.k, first = run->in.n_x;
     const double *x = run->out.x + first, *end = run->x_new + first, *absolute = run->in.absolute;
@@ -135,7 +135,7 @@ double columns_error(Run *run, double h) {
     for (long long c = 0; c < k; c++) {
         const double most = larger(six[c], five[c]), scale = most + 0.01 * three[c];
         const double error = scale > 0.0 ? fabs(h) * most / sqrt(n * scale) : 0.0;
-        int lost = 0; /* behind an event that has no derivative */
+        int lost = 0; /* after an event without derivative */
         for (long long m = 0; m < n; m++) lost |= !isfinite(x[k * m + c]);
         if (!lost && !(error < INFINITY)) return NAN;
         if (!lost) worst = fmax(worst, error);
@@ -157,8 +157,8 @@ static void take_column(Run *run, long long c) {
     for (long long j = 0; j < run->in.n_p; j++) run->column_p[j] = directions(run)[k * j + c];
 }
 
-/* Change of a function's result along direction c, in `change`; gives the size of that column of S,
-   in units of the nominal sizes of states. */
+/* Change of a function's result along direction c, in `change`; returns the size of that column of
+   S, in units of the nominal sizes of states. */
 double change_along(Run *run, Function f, long long c) {
     double size = 0.0;
     take_column(run, c);
@@ -177,7 +177,7 @@ static void add_slope(Run *run, double sign) {
             run->out.x[run->in.n_x + k * m + c] += sign * run->slope[m] * run->event_along[c];
 }
 
-/* Begin event `which`: how its time changes, and from then on the state at the event. */
+/* Begin event `which`: compute the change of its time and move S to the event. */
 void leave(Run *run, long long which) {
     const long long n = run->in.n_contacts, k = run->in.k, contacts = run->in.exact ? n : 0;
     if (!k) return;
@@ -203,7 +203,7 @@ void leave(Run *run, long long which) {
     add_slope(run, 1.0);
 }
 
-/* Take the change of the state through what is about to happen to the state itself. */
+/* Propagate the change of the state through the jump that is about to happen. */
 void carry(Run *run, Function f, long long offset) {
     const long long k = run->in.k, n = run->in.n_x;
     for (long long c = 0; c < k; c++) {
@@ -213,7 +213,7 @@ void carry(Run *run, Function f, long long offset) {
     }
 }
 
-/* End what began with `leave`: back to the state at a given time. */
+/* End what `leave` began: move S back to the state at a given time. */
 void arrive(Run *run) {
     const long long k = run->in.k;
     if (!k) return;

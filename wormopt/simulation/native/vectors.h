@@ -1,5 +1,5 @@
-/* What the code of a model with loops stands on: vectors of what neighbours in a chain do alike, what
-   they are read from and written to, and as one_ the same operations with one number. */
+/* Basis of the code of a model with loops: vectors of equal operations of neighbours in a chain,
+   their loading and storing, and the same operations for one number with the prefix one_. */
 #pragma GCC push_options
 #include "lanes.h"
 #include "elementary.h"

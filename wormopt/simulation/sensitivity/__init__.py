@@ -1,1 +1,1 @@
-"""Derivatives of motions: along which directions, by which equations, where there are none."""
+"""Derivatives of motions: directions, variational equations, and points without derivatives."""

@@ -1,4 +1,4 @@
-"""What events do to the derivatives of a motion in Python; compiled, it is native/variation.c."""
+"""Effect of events on derivatives of a motion in Python; compiled in native/variation.c."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from wormopt.simulation.sensitivity.doubts import ALIKE, Doubts
 
 
 class Columns:
-    """The columns S of a motion, `s` (n_x, k), and how the time of the event under way changes.
+    """The columns S of a motion, `s` (n_x, k), and the change of the time of the current event.
 
-    `p`, with the directions behind it, and `modes` are rewritten by their owners.
+    Their owners rewrite `p`, followed by its directions, and `modes`.
     """
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
@@ -34,7 +34,7 @@ class Columns:
         self._along = {n: Call(f, *shared) for n, f in along.items() if n != "slopes"}
 
     def leave(self, which: int, t: float, x: np.ndarray, grazes: bool) -> None:
-        """Begin an event: how its time changes, and from then on the state at the event."""
+        """Begin an event: compute the change of its time and move S to the event."""
         if not self.k:
             return
         n, row = self._n_contacts, which
@@ -56,27 +56,27 @@ class Columns:
         self.s += np.outer(dx[: len(self.s)], self.dt)
 
     def suspects(self, t: float, x: np.ndarray, stopped: np.ndarray) -> np.ndarray:
-        """Which of the contacts that stop have velocities that change."""
+        """Contacts among the stopping ones whose velocities change."""
         if not (self.k and stopped.any()):
             return np.zeros_like(stopped)
         changes = self._each("contacts_along", t, x, self.dt)
         return stopped & self.doubts.suspects([c[: len(stopped)] for c in changes], self.s)
 
     def carry(self, name: str, t: float, x: np.ndarray, k: int = 0) -> None:
-        """Take the change of the state through what is about to happen to the state itself."""
+        """Propagate the change of the state through the jump that is about to happen."""
         if self.k:
             rows = slice(k * self._n_x, k * self._n_x + len(self.s))
             self.s = np.column_stack([c[rows] for c in self._each(name, t, x, self.dt)])
 
     def carry_rest(self, t: float, x: np.ndarray) -> None:
-        """What rests has no velocity."""
+        """Remove velocities of resting contacts."""
         if self.k and np.any(self._modes[: self._n_contacts] == 0):
             self.carry("project_along", t, x)
 
     def land(self, t: float, x: np.ndarray, guards: np.ndarray, armed: np.ndarray) -> None:
-        """Doubt guards that are next to 0 after a jump, and move: small changes fire or not.
+        """Doubt moving guards that are near 0 after a jump: small changes decide whether they fire.
 
-        What falls to 0 along with the event's own guard does not move.
+        Guards that reach 0 along with that of the event do not move.
         """
         changes = np.abs(self._each("guards_along", t, x, self.dt))
         parts, sizes = self._along["guard_parts"](t, x)[0], self._sizes[:, None]
@@ -86,7 +86,7 @@ class Columns:
             self.doubts.land(t, self._n_contacts + int(j))
 
     def arrive(self, t: float, x: np.ndarray) -> None:
-        """End what began with `leave`: back to the state at a given time."""
+        """End what `leave` began: move S back to the state at a given time."""
         if not self.k:
             return
         self.s -= np.outer(self._rhs(t, x)[0][: len(self.s)], self.dt)
@@ -95,7 +95,6 @@ class Columns:
         self.dt[:] = 0.0
 
     def _each(self, name: str, t: float, x: np.ndarray, dt: np.ndarray) -> list[np.ndarray]:
-        """Change along each direction."""
         dx = np.zeros(self._n_x)
         found = []
         for c in range(self.k):

@@ -1,4 +1,4 @@
-"""Directions: along which of its numbers a motion is differentiated, one column each."""
+"""Directions in the parameters of a motion, one column of derivatives each."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _ENTRY = re.compile(r"(.*)\[\s*(\d+)\s*(?:,\s*(\d+)\s*)?\]")
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """k directions in the numbers of a motion: its start, its parameters and its schedules."""
+    """k directions in the values of a motion: its start, its parameters and its schedules."""
 
     labels: tuple[str, ...]
     x0: np.ndarray  # (model.n_x, k)
-    p: np.ndarray  # (n_p, k) of `System.parameters`; 0 for what schedules set
+    p: np.ndarray  # (n_p, k) of `System.parameters`; 0 for scheduled entries
     schedules: tuple[np.ndarray, ...]  # (pieces, size, k) of each
 
     @property
@@ -42,9 +42,9 @@ class Directions:
         nominal_p: np.ndarray,
         schedules: Sequence[Schedule],
     ) -> np.ndarray:
-        """Relative changes (k,) of what each moves most.
+        """Largest relative changes (k,) of each direction.
 
-        Numbers far below their nominal size may count for much, and are taken to have that size.
+        Values far below their nominal size may matter, and are taken to have that size.
         """
         size_p = np.where(np.abs(p) < _FAR_BELOW * nominal_p, nominal_p, np.abs(p))
         found = [self.x0 / nominal_x[:, None], self.p / size_p[:, None]]
@@ -55,7 +55,7 @@ class Directions:
         return np.where(sizes == 0, 1.0, sizes)
 
     def active(self, n_fixed: int) -> tuple[int, ...]:
-        """Entries of p that they move."""
+        """Entries of p that change."""
         moved, at = np.any(self.p != 0, axis=1), n_fixed
         for values in self.schedules:
             end = at + 1 + values.shape[1]
@@ -64,7 +64,7 @@ class Directions:
         return tuple(np.flatnonzero(moved).tolist())
 
     def scheduled(self, n_fixed: int, schedules: Sequence[Schedule], t: np.ndarray) -> np.ndarray:
-        """Directions (n_p, k, m) of the parameters that hold at the times `t` (m,)."""
+        """Directions (n_p, k, m) of the parameters at the times `t` (m,)."""
         p, at = np.repeat(self.p[:, :, None], len(t), axis=2), n_fixed
         for schedule, values in zip(schedules, self.schedules, strict=True):
             end = at + 1 + values.shape[1]
@@ -76,10 +76,10 @@ class Directions:
 def directions(
     system: System, schedules: Sequence[Schedule], asked: Sensitivities | None
 ) -> Directions | None:
-    """Directions that are asked for; None if there are none.
+    """Requested directions; None if there are none.
 
-    Raises ArgumentError where a direction is not of its signal's size, no number, or has the
-    label of another; UnknownNameError where the model has no such signal.
+    Raises ArgumentError if a direction is not of its signal's size, not a number, or has the
+    label of another; UnknownNameError if the model has no such signal.
     """
     if isinstance(asked, str) or not isinstance(asked, Collection | None):
         asked = [asked]
@@ -98,7 +98,7 @@ def directions(
 
 
 class _Space:
-    """All numbers of a motion as one column: start, parameters and inputs, schedules' values."""
+    """All values of a motion as one column: start, parameters and inputs, schedules' values."""
 
     def __init__(self, system: System, schedules: Sequence[Schedule]) -> None:
         model = system.model
@@ -106,7 +106,7 @@ class _Space:
         shapes: dict[str, tuple[int, ...]] = {}
         for signal in (*model.x, *model.p, *model.u):
             shapes[signal.name] = (signal.size,)
-        # a schedule that has the name of a signal cannot be asked for
+        # a schedule with the name of a signal is not accessible
         self._named = [schedule.name not in shapes for schedule in schedules]
         for schedule in schedules:
             shapes.setdefault(schedule.name, schedule.values.shape)
@@ -117,14 +117,14 @@ class _Space:
 
     def _shape(self, name: object) -> tuple[int, ...]:
         if not isinstance(name, str):
-            raise ArgumentError(f"sensitivities are asked for by name, not by {name!r:.60}")
+            raise ArgumentError(f"sensitivities must be names, not {name!r:.60}")
         if name not in self._shapes:
             kinds = "state, parameter, input or schedule"
             raise UnknownNameError(self._system.model.name, kinds, [name], list(self._shapes))
         return self._shapes[name]
 
     def units(self, name: object) -> Iterator[tuple[str, np.ndarray]]:
-        """Label and column for each entry of a signal, or for the one that is named."""
+        """Label and column for each entry of a signal, or for the named one."""
         found = _ENTRY.fullmatch(name) if isinstance(name, str) else None
         whole = name if found is None or name in self._shapes else found[1]
         shape = self._shape(whole)
@@ -170,7 +170,7 @@ class _Space:
         return column
 
     def directions(self, labels: tuple[str, ...], columns: np.ndarray) -> Directions:
-        """Take columns (numbers, k) apart."""
+        """Split columns (numbers, k)."""
         model, n_x = self._system.model, self._system.model.n_x
         inner = sum(s.size for s in (*model.p, *model.u))
         p = np.zeros((self._system.symbols[2].numel(), len(labels)))

@@ -1,4 +1,4 @@
-"""Where derivatives of a motion do not exist, or on one side only; compiled, native/doubts.c."""
+"""Points at which derivatives do not exist or are one-sided; compiled in native/doubts.c."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ REASONS = ("grazing", "simultaneous", "edge")
 """Why derivatives are in doubt, by the numbers of integrators."""
 
 _GRAZING, _SIMULTANEOUS, _EDGE = range(len(REASONS))
-# Of the whole time; and changes that differ by no more, relative to them, are the same.
+# Share of the whole time; relative difference of equal changes.
 _AT_ONCE, ALIKE = 1e-10, 1e-6
 
 
 @dataclass(eq=False)
 class Doubts:
-    """What casts doubt on the derivatives of a motion under way, as rows of an `Outcome`."""
+    """Doubts about the derivatives of a running motion, as rows of an `Outcome`."""
 
     task: InitialValueProblem
 
@@ -30,10 +30,10 @@ class Doubts:
         self._dt = np.zeros(self.task.k)
 
     def event(self, t: float, which: int, mode: float, dt: np.ndarray, grazes: bool) -> None:
-        """Of an event whose time's derivatives are `dt`."""
+        """Doubt an event with the derivatives `dt` of its time."""
         if grazes:
             self._add(t, which, mode, _GRAZING)
-        # stops of contacts that do not act on each other may come in any order
+        # stops of contacts that do not act on each other commute
         stop = self._is_stop(mode)
         size = max(np.abs(dt).max(), np.abs(self._dt).max())
         near = t - self._time <= _AT_ONCE * self._span and which != self._which
@@ -55,10 +55,10 @@ class Doubts:
         *,
         at_start: bool,
     ) -> None:
-        """Of what has been decided.
+        """Doubt a decision.
 
-        Shares of what holds that are left, contacts that stop along with that of the event; mode
-        of that before.
+        Arguments: unused shares of holding forces, contacts that stop along with that of the event,
+        and its mode before.
         """
         alone = forced_mode is not None and self._is_stop(forced_mode)
         for i, mode in enumerate(modes):
@@ -68,35 +68,34 @@ class Doubts:
                 self.rows.append((t, i, mode, _EDGE if at_start else _SIMULTANEOUS))
 
     def slides_on(self, t: float, contact: int) -> None:
-        """Of a contact that rests, but would not stop if it moved."""
+        """Doubt a contact that rests, but would not stop if it moved."""
         self.rows.append((t, contact, 0.0, _EDGE))
 
     def let_go(self, t: float, contact: int, mode: float, lacking: float) -> None:
-        """Of a contact that is let go although it all but holds."""
+        """Doubt a released contact that nearly holds."""
         if lacking <= self.task.small_value:
             self.rows.append((t, contact, mode, _EDGE))
 
     def land(self, t: float, which: int) -> None:
-        """Of a switch whose guard is next to 0 after a jump."""
+        """Doubt a switch whose guard is near 0 after a jump."""
         row = (t, self._place(which), 0.0, _EDGE)
         if row not in self.rows:
             self.rows.append(row)
 
     def touch(self, t: float, which: int, mode: float) -> None:
-        """Of an event that all but happened."""
+        """Doubt an event that nearly happened."""
         self._add(t, which, mode, _GRAZING)
 
     def _add(self, t: float, which: int, mode: float, reason: int) -> None:
-        """Note a doubt."""
         self.rows.append((t, self._place(which), mode, reason))
 
     def _place(self, which: int) -> int:
-        """With smooth contact only switches have events."""
+        """Index of an event; with smooth contact only switches have events."""
         system = self.task.system
         return which + (0 if system.exact else len(system.contacts))
 
     def suspects(self, changes: list[np.ndarray], s: np.ndarray) -> np.ndarray:
-        """Which velocities change with the columns `s` (n_x, k); changes of each by contact."""
+        """Which velocities change with the columns `s` (n_x, k), by contact."""
         nominal = self.task.absolute[: len(s), None] / self.task.tolerance.absolute
         sizes = (np.abs(s) / nominal).max(axis=0)
         speeds = np.array([c.nominal_speed for c in self.task.system.contacts])

@@ -1,7 +1,7 @@
-"""Slopes that are 0/0 where the motion is smooth, as those of v |v| at rest: their limits count.
+"""Limits of slopes that are 0/0 where the motion is smooth, such as those of v |v| at rest.
 
-Along the motion a limit is seen from three glances ahead, ever closer; where nothing moves, from
-both sides. Compiled, it is `take_limits` of native/variation.c.
+Limits are estimated from three points ever closer along the motion, or on both sides if nothing
+moves. Compiled in `take_limits` of native/variation.c.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-# Distance, in nominal sizes, at which limits are seen; share of the difference of a pair of glances
-# that is left at a quarter of the distance, and of the value that counts as none; growth that
-# forebodes no limit.
+# Distance, in nominal sizes, at which limits are estimated; share of the difference of a pair that
+# remains at a quarter of the distance, and negligible share of the value; growth that excludes a
+# limit.
 _NEARBY, _LEFT, _NOTHING, _GROWS = 1e-10, 0.6, 1e-4, 1.5
 
 
@@ -27,7 +27,7 @@ def with_limits(
     dx: ca.MX,
     entries: Sequence[ca.MX],
 ) -> list[ca.MX]:
-    """Entries of Jacobians, by `slopes` at (t, x, p, s), with limits for those that are no numbers.
+    """Entries of Jacobians, by `slopes` at (t, x, p, s), with limits in place of NaN.
 
     `nominal` sizes are those of the model's states, which come first in x; dx is their rate.
     """
@@ -42,7 +42,7 @@ def with_limits(
 
 
 def _numbers(values: ca.MX) -> ca.MX:
-    """Whether each value is a number; written out, a value would equal itself to CasADi."""
+    """Whether each value is a number; CasADi would simplify a comparison with itself."""
     a, b = (ca.MX.sym(name, values.numel()) for name in "ab")
     return ca.Function("equal", [a, b], [a == b])(values, values)
 
@@ -72,7 +72,7 @@ def _limits(
 
 
 def _adopted(known: ca.MX, a: ca.MX, b: ca.MX, near_a: ca.MX, near_b: ca.MX) -> ca.MX:
-    """Values of which those that are no numbers are their limits, if a pair of glances has any."""
+    """Values with NaN replaced by limits, if a pair of points has any."""
     apart, near = ca.fabs(a - b), ca.fabs(near_a - near_b)
     size = ca.fmax(ca.fabs(near_a), ca.fabs(near_b))
     good = (size <= _GROWS * ca.fmax(ca.fabs(a), ca.fabs(b))) * (

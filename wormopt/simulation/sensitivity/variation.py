@@ -1,9 +1,9 @@
-"""Variational equations of a System: what its functions become along a direction.
+"""Variational equations of a System: derivatives of its functions along directions.
 
-With the columns S = dx/d(direction) and P = dp/d(direction) the state of the integrators is x, and
-S row by row: S' = f_x S + f_p P. Where something happens at a time t* that the direction moves, S
-jumps. There D = S + x' dt* is the change of the state at the event itself. It goes through resets
-and impulses by their derivatives, and S = D - x' dt* with the x' that holds after.
+With the columns S = dx/d(direction) and P = dp/d(direction), integrators have the state x followed
+by S row by row: S' = f_x S + f_p P. At an event whose time t* changes, S jumps: D = S + x' dt* is
+the change of the state at the event itself. D passes resets and impulses by their derivatives, and
+S = D - x' dt* with the x' after the event.
 
 Source: M. A. Aizerman, F. R. Gantmakher, Quarterly Journal of Mechanics and Applied Mathematics
 11 (1958) 225; P. C. Müller, Chaos, Solitons & Fractals 5 (1995) 1671.
@@ -77,7 +77,7 @@ class Variation:
 
     @cached_property
     def contacts_along(self) -> ca.Function:
-        """Of contacts velocities, then how far forces are above the least and below the largest."""
+        """Velocities of contacts, then distances of forces from the least and the largest."""
         velocity, _, force, low, high = ca.vertsplit(
             self._called(self.system.probe)[:-1], len(self.system.contacts)
         )
@@ -85,7 +85,7 @@ class Variation:
 
     @cached_property
     def contact_parts(self) -> ca.Function:
-        """Sizes of what the rates of `contacts_along` are sums of."""
+        """Sizes of the terms in the rates of `contacts_along`."""
         system = self.system
         _, acceleration, force, low, high = ca.vertsplit(
             self._called(system.probe)[:-1], len(system.contacts)
@@ -97,7 +97,7 @@ class Variation:
 
     @cached_property
     def guard_parts(self) -> ca.Function:
-        """Sizes of what the rates of guards are sums of."""
+        """Sizes of the terms in the rates of guards."""
         guards = self._called(self.system.guards)[: len(self.system.model.switches)]
         return self.system.function("guard_parts", self._parts(guards))
 
@@ -108,23 +108,23 @@ class Variation:
 
     @cached_property
     def project_along(self) -> ca.Function:
-        """Of the impulses that stop the contacts with s = 0."""
+        """Derivative of the impulses that stop the contacts with s = 0."""
         return self._derivative("project_along", self._called(self.system.project))
 
     @cached_property
     def guards_along(self) -> ca.Function:
-        """Of the guards of switches."""
+        """Derivative of the guards of switches."""
         guards = self._called(self.system.guards)[: len(self.system.model.switches)]
         return self._derivative("guards_along", guards)
 
     @cached_property
     def resets_along(self) -> ca.Function:
-        """Of the states after switches, one after the other."""
+        """Derivative of the states after switches, one after the other."""
         return self._derivative("resets_along", ca.vec(self._called(self.system.resets)))
 
     @cached_property
     def functions(self) -> dict[str, ca.Function]:
-        """Those that this system needs, by name."""
+        """The functions that this system needs, by name."""
         names = ["slopes"]
         if self.system.exact:
             names += ["contacts_along", "project_along", "contact_parts"]
@@ -135,7 +135,7 @@ class Variation:
     def rhs(self, k: int, limits: bool) -> ca.Function:
         """X' and S' of k columns, of (t, x and S, p and P, s).
 
-        With `limits` slopes that are 0/0 where the motion is smooth count as their limits.
+        With `limits`, slopes that are 0/0 where the motion is smooth are their limits.
         """
         t, x, p, s = self.slopes.mx_in()
         n, n_x, n_p = self.system.model.n_x, x.numel(), p.numel()
@@ -151,7 +151,7 @@ class Variation:
             ca.MX(jacobian.sparsity(), values)
             for jacobian, values in zip(self._slopes[1:], entries, strict=True)
         )
-        # what stands row by row is a matrix of k rows to CasADi
+        # rows are matrices of k rows to CasADi
         rows = ca.reshape(columns, k, n) @ in_x.T + ca.reshape(along, k, n_p) @ in_p.T
         result = ca.vertcat(dx, ca.vec(ca.densify(rows)))
         return ca.Function("rhs", [t, all_x, all_p, s], [result], ["t", "x", "p", "s"], ["rhs"])
@@ -159,8 +159,8 @@ class Variation:
     def observed(self, expression: ca.SX) -> tuple[ca.Function, np.ndarray]:
         """Entries of the Jacobian of an expression by the model's states and by p.
 
-        A function of (t, x, p, s), and the rows and columns (2, entries) of what it gives. Contact
-        forces may stand in the expression; only entries of p in `active` count.
+        Returns a function of (t, x, p, s), and the rows and columns (2, entries) of its results.
+        The expression may contain contact forces; only entries of p in `active` matter.
         """
         system, (t, _, p, s) = self.system, self.system.symbols
         function, active = system.observe(expression), list(self.active)
@@ -174,12 +174,12 @@ class Variation:
 
 @lru_cache(maxsize=64)
 def rhs_of(variation: Variation, k: int, limits: bool) -> ca.Function:
-    """X', with S' of k columns behind it; see `Variation.rhs`."""
+    """X', followed by S' of k columns; see `Variation.rhs`."""
     return variation.rhs(k, limits)
 
 
 def has_derivatives(system: System) -> bool:
-    """Whether motions have derivatives: not where contacts slide in the plane or share loads."""
+    """Whether motions have derivatives: not if contacts slide in the plane or share loads."""
     return not (system.model.delays or (system.exact and (len(system.planar) or system.shares)))
 
 
@@ -187,7 +187,7 @@ def has_derivatives(system: System) -> bool:
 def variation(system: System, active: tuple[int, ...]) -> Variation:
     """Variational equations of a system along directions that move some entries of p.
 
-    Raises ArgumentError where its motions have none that are exact.
+    Raises ArgumentError if its motions have no exact ones.
     """
     if system.exact and (len(system.planar) or system.shares):
         raise ArgumentError(

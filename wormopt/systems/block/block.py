@@ -196,7 +196,6 @@ class _Slide:
         )
 
     def _ground(self, v: float, mode: int) -> float:
-        """Force of the ground."""
         way, law, v_reg = self._way, self._task.law, self._task.v_reg
         if v_reg is not None:
             return way * float(law.smooth(way * v, v_reg))

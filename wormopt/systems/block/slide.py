@@ -282,7 +282,7 @@ class Slide(OptimalMotion, kind="slide"):
 
     @property
     def defect(self) -> float:
-        """Local error of an arc that is asked for."""
+        """Requested local error of an arc."""
         return self.mesh.tolerance
 
     @property

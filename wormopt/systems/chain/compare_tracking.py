@@ -416,7 +416,6 @@ class CompareTracking(Study, kind="compare-tracking"):
         return self.sensors.feeding(plant, loop, self.time.end) if self.sensors else loop
 
     def _planned(self, gait: Gait, plan: Plan) -> Model:
-        """Plant with the inputs of a plan."""
         return self.driven(gait, plan.inputs, periodic=plan.periodic)
 
     def driven(self, gait: Gait, inputs: Gait, *, periodic: bool = False) -> Model:

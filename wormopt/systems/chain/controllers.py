@@ -275,10 +275,10 @@ class Planned:
 def make_plans(
     find: Callable[[], Optimum], draws: Sequence[Draw], *, periodic: bool, seconds: float | None
 ) -> Planned:
-    """Plan for the nominal plant by `find`, then anew for each drawn plant.
+    """Plan for the nominal plant by `find`, then again for each drawn plant.
 
-    A solve of the latter takes at most `seconds`. Periodic plans are computed with exact contact if
-    possible. A plan that is not found is None; no exception is raised.
+    A solve for a drawn plant takes at most `seconds`. Periodic plans are computed with exact
+    contact if possible. A plan that is not found is None; no exception is raised.
     """
     begin = time.perf_counter()
     try:
@@ -395,7 +395,6 @@ class Trial:
         return motion if motion.end_time == end else None
 
     def _drawn(self, controller: Controller, model: Model) -> Drawn:
-        """Quantities of the drawn plants."""
         members, end, tolerance = dict(self.scenarios(controller)), self.time.end, loose_tolerance()
         if self.measurement:
             tolerance = replace(tolerance, max_steps=_PATIENCE)

@@ -100,7 +100,7 @@ def _copy(model: Model, draw: Mapping[str, ArrayLike], k: int) -> Model:
 
 
 def _numbered(law: Law, put: Callable[[ca.SX], ca.SX]) -> Law:
-    """The same law with its symbols replaced by values."""
+    """The law with its symbols replaced by values."""
     numbers = {name: float(ca.DM(put(v))) for name, v in symbols_of(law).items()}
     return replace(cast(Any, law), **numbers)
 

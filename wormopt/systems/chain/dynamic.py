@@ -37,7 +37,7 @@ def crawl_problem(
     length, speed = plant.x[0].nominal, plant.x[1].nominal
     costs = aim.minimise is not None
     ends = Ends.of(plant, 1)
-    places = _rows(plant, "position")
+    places = _rows_of_positions(plant)
     advances = [ends.end[rows[0]] - ends.start[rows[0]] for rows in places]
     speeds = ca.vertcat(*advances) / ends.duration
     at_ends = [
@@ -146,11 +146,10 @@ def _transport(plant: Model, speeds: ca.SX) -> _Cost:
     return _Cost(rate, speed**3 / length, bounds, (spent,))
 
 
-def _rows(plant: Model, name: str) -> list[list[int]]:
-    """Rows of each state whose name has this prefix."""
+def _rows_of_positions(plant: Model) -> list[list[int]]:
     first, found = 0, []
     for signal in plant.x:
-        if signal.name.split(" ")[0] == name:
+        if signal.name.split(" ")[0] == "position":
             found.append(list(range(first, first + signal.size)))
         first += signal.size
     return found

@@ -418,7 +418,7 @@ class Linear(Study, kind="linear"):
 
     @scalar(
         "count",
-        "the same, with a bound on the effect of dry friction; sufficient for every friction "
+        "`gain_linear` with a bound on the effect of dry friction; sufficient for every friction "
         "force over time, not necessary; unknown above `gains.most`, or if friction has no "
         "bound",
     )
@@ -545,7 +545,7 @@ def _agree(what: str, difference: float, limit: float) -> Check:
 
 
 def _apart_by(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Largest distance of one of our poles from the nearest of theirs."""
+    """Largest distance of a pole of this route from the nearest one of the other."""
     return float(np.abs(ours[:, None] - theirs).min(axis=1).max())
 
 

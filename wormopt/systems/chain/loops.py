@@ -48,9 +48,16 @@ from wormopt.systems.chain.tables import (
     StribeckFriction,
     SwitchingTracker,
     Tracker,
+    ViscousFriction,
 )
 
 _RANDOM = ("stiffness", "damping", "rest_length")
+_LAWS: dict[type[Friction], type[Coulomb | Stribeck | Viscous | Spike]] = {
+    CoulombFriction: Coulomb,
+    StribeckFriction: Stribeck,
+    ViscousFriction: Viscous,
+    SpikeFriction: Spike,
+}
 _FEEDBACKS: dict[type, Feedback] = {
     DerivativeTracker: "derivative",
     FilterTracker: "filter",
@@ -182,11 +189,7 @@ def law_of(table: Friction, mass: int = 0) -> Law:
         for name in table.__struct_fields__
         if getattr(table, name) is not None
     }
-    if isinstance(table, CoulombFriction):
-        return Coulomb(**numbers)
-    if isinstance(table, StribeckFriction):
-        return Stribeck(**numbers)
-    return Spike(**numbers) if isinstance(table, SpikeFriction) else Viscous(**numbers)
+    return _LAWS[type(table)](**numbers)
 
 
 # -- trackers ------------------------------------------------------------------------------------

@@ -103,7 +103,7 @@ class Search(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault for several starts beside an earlier result."""
+        """Yield a fault for several starts with an earlier result."""
         if self.result is not None and self.starts > 1:
             yield "result", "gives a single start; leave out search.starts or search.result"
 
@@ -151,11 +151,12 @@ class Convergence:
         "speed", "objective at the least smoothing width (convergence)"
     )
     objective_smoothed_error_bar: float = value(
-        "speed", "estimated error of the same, without the exact answer (convergence)"
+        "speed", "estimated error of `objective_smoothed`, without the exact answer (convergence)"
     )
     objective_complementarity: float = value("speed", "objective on the finest grid (convergence)")
     objective_complementarity_error_bar: float = value(
-        "speed", "estimated error of the same, without the exact answer (convergence)"
+        "speed",
+        "estimated error of `objective_complementarity`, without the exact answer (convergence)",
     )
     same_modes: bool = value(
         "1", "whether both show the contact modes of the exact crawl (convergence)"
@@ -414,7 +415,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @property
     def defect(self) -> float:
-        """Local error of an arc that is asked for."""
+        """Requested local error of an arc."""
         return self.mesh.tolerance if self.exact else math.inf
 
     # -- speeds ------------------------------------------------------------------------------------

@@ -72,10 +72,10 @@ def tracking_problem(
         cost = missed + objective.input_weight * spent
     else:
         cost = spent
-        asked = _asked_from(tube.capture, end)
-        model = replace(model, schedules=[*model.schedules, asked])
+        active = _active_from(tube.capture, end)
+        model = replace(model, schedules=[*model.schedules, active])
         radius = (1 - objective.margin) * tube.radius
-        along = [Constraint("tube", asked.symbol * error.square / radius**2, upper=1.0)]
+        along = [Constraint("tube", active.symbol * error.square / radius**2, upper=1.0)]
     u = input_of(plant, error.value.numel()).symbol
     start = signal_values(plant.x, None, "state")
     return Problem(
@@ -89,7 +89,7 @@ def tracking_problem(
     )
 
 
-def _asked_from(capture: float, end: float) -> Schedule:
+def _active_from(capture: float, end: float) -> Schedule:
     """1 from the time of capture on, 0 before: the value is constant on each arc."""
     symbol, begin = ca.SX.sym("tube_asked"), ca.SX.sym("tube_asked_begin")
     breaks = np.array([0.0, capture, end]) if capture > 0 else np.array([0.0, end])

@@ -91,20 +91,20 @@ def _attempt(
             if frame.filename == str(path)
         ]
         where = f" line {lines[-1]}" if lines else ""
-        said = " ".join(str(error).split()) or "no message"
-        message = f"{own.file}{where}: {type(error).__name__}: {said}"
+        reason = " ".join(str(error).split()) or "no message"
+        message = f"{own.file}{where}: {type(error).__name__}: {reason}"
         if not given:
             raise _refused(own, f"{message}; correct it there") from error
         message = f"{own.function}() fails with the given parameters: {message}"
         what = "write other values, or correct the file"
-        raise _refused(own, f"{message}; {what}", _blamed(given, said)) from error
+        raise _refused(own, f"{message}; {what}", _blamed(given, reason)) from error
 
 
-def _blamed(given: Mapping[str, Any] | None, said: str) -> str:
+def _blamed(given: Mapping[str, Any] | None, reason: str) -> str:
     """Key of the parameter that an error names, or None."""
     if not given:
         return "model"
-    named = [name for name in given if re.search(rf"\b{re.escape(name)}\b", said)] or list(given)
+    named = [name for name in given if re.search(rf"\b{re.escape(name)}\b", reason)] or list(given)
     return f"parameters.{named[0]}" if len(named) == 1 else "parameters"
 
 

@@ -56,7 +56,7 @@ class DrawnPlants(Given):
 
 
 def faults_of_nominal(worm: ChainTable, drawn: str) -> Iterator[Fault]:
-    """Yield what a nominal chain must not have; `drawn` is the key of the table of drawn plants."""
+    """Yield keys that a nominal chain must not have; `drawn`: key of the table of drawn plants."""
     if worm.random is not None:
         why = f"since [{drawn}] varies the plants"
         yield "worm.random", f"is not allowed, {why}; leave the table out"

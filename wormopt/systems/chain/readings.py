@@ -147,7 +147,7 @@ def scenario(example: Example, reading: Reading, of: Structure, loop: Model) -> 
     return Scenario(x0=start, p=p, schedules={own.name: own.values})
 
 
-def as_model(loop: Model, told: Scenario) -> Model:
+def as_model(loop: Model, parameters: Scenario) -> Model:
     """The loop with the parameters of a reading."""
 
     def given(signals: Sequence[Signal], values: object) -> list[Signal]:
@@ -159,11 +159,11 @@ def as_model(loop: Model, told: Scenario) -> Model:
             for s in signals
         ]
 
-    courses = dict(told.schedules or {})
+    courses = dict(parameters.schedules or {})
     return replace(
         loop,
-        x=given(loop.x, told.x0),
-        p=given(loop.p, told.p),
+        x=given(loop.x, parameters.x0),
+        p=given(loop.p, parameters.p),
         schedules=[replace(s, values=courses.get(s.name, s.values)) for s in loop.schedules],
     )
 

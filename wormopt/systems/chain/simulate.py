@@ -261,7 +261,6 @@ class Simulate(Study, kind="simulate"):
         return {"": self.plain}
 
     def _driven(self, worm: ChainTable) -> Model:
-        """The chain with its inputs."""
         start, actuation = self.start or Start(), self.actuation
         rest = np.array(per(worm.rest_length, worm.links))
         gait, shift = self._command(rest)

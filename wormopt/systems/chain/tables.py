@@ -23,8 +23,8 @@ from wormopt.study.types import (
 from wormopt.systems.shared.incline import (
     Gravity,
     Inclined,
+    facts_of_slope,
     faults_of_slope,
-    told_of_slope,
     weights,
 )
 from wormopt.systems.spiked import Shape
@@ -214,7 +214,7 @@ class ChainTable(Given):
     @property
     def facts(self) -> dict[str, Any]:
         """Facts on the weight along the slope."""
-        return told_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
+        return facts_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
 
     def faults(self, horizon: float, units: str) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table.
@@ -296,12 +296,13 @@ def faults_of_law(key: str, law: Friction, masses: int) -> Iterator[Fault]:
         for fault in wrong_count(f"{key}.{name}", getattr(law, name), masses, "masses")
     ]
     yield from wrong
-    if wrong or not isinstance(law, CoulombFriction | StribeckFriction):
+    if wrong:
         return
     for side in ("forward", "backward"):
-        slide, stick = getattr(law, side), getattr(law, f"stick_{side}")
+        stick = getattr(law, f"stick_{side}", None)
         if stick is None:
             continue
+        slide = getattr(law, side)
         if any(s < f for f, s in zip(per(slide, masses), per(stick, masses), strict=True)):
             message = f"stiction is below the sliding force {side}; write at least that force"
             yield f"{key}.stick_{side}", message

@@ -78,8 +78,10 @@ with on_use():
     )
     from wormopt.systems.spiked import gait_of_shape
 
-_NUMBERS = JUDGED | {name: said for name, said in CHAIN.items() if name != "recheck_error"}
-_OF_LOOP = {name: said for name, said in LOOP_SIGNALS.items() if name not in ("gain", "funnel")}
+_NUMBERS = JUDGED | {name: declared for name, declared in CHAIN.items() if name != "recheck_error"}
+_OF_LOOP = {
+    name: declared for name, declared in LOOP_SIGNALS.items() if name not in ("gain", "funnel")
+}
 _SIGNALS = TIME | REFERENCE | over(_OF_LOOP, "tracker") | TRACKER_EVENTS | GAIT
 # Largest accepted difference of any state, at any time, between the optimiser's motion and the
 # exact simulation of its input. In open loop, errors of the grid add up.

@@ -140,8 +140,8 @@ class Decisions:
         "median duration of a decision on this machine, with estimation, for the nominal plant",
         headline=True,
     )
-    decision_most: list[float | None] = value("s", "95 % quantile of the same")
-    decision_worst: list[float | None] = value("s", "maximum of the same")
+    decision_most: list[float | None] = value("s", "95 % quantile of these durations")
+    decision_worst: list[float | None] = value("s", "largest of these durations")
     decision_processor: list[float | None] = value(
         "s", "median processor time of a decision: its cost on a machine without other load"
     )

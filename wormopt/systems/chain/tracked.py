@@ -41,7 +41,7 @@ from wormopt.systems.shared.signals import (
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of the members that bound the bands."""
 
-# If this number of members exhausts its steps, the others, drawn in the same way, are not tried.
+# If this number of members exhausts its steps, the others are not tried.
 _IN_VAIN = 3
 
 
@@ -56,7 +56,7 @@ class Tracked:
 
     label: str
     tracker: Tracker
-    loop: Model  # closed loop, without what is measured
+    loop: Model  # closed loop, without measured quantities
     motion: Trajectory
 
     @cached_property

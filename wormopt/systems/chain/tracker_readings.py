@@ -477,18 +477,18 @@ def _judge(
     """Compare all readings with the sentences; pick the one that is shown."""
     lengths = [len(entries) for entries in choices.values()]
     count = prod(lengths)
-    said, lasting = [], []
+    supports, lasting = [], []
     for k in range(count):
         pair = courses["derivative", k], courses["filter", k]
-        said.append(list(supported(*pair, radius, by).values()))
-        held = list(ends(*pair, radius, by, _ENDS)) if all(said[-1]) else []
+        supports.append(list(supported(*pair, radius, by).values()))
+        held = list(ends(*pair, radius, by, _ENDS)) if all(supports[-1]) else []
         lasting.append((held[0], held[-1]) if held else (np.nan, np.nan))
     numbers = [
         [_numbers(courses[name, k], radius, by.window) for k in range(count)] for name in TRACKERS
     ]
     arrays = {n: np.array([[each[n] for each in row] for row in numbers]) for n in numbers[0][0]}
     picks = np.array(np.unravel_index(np.arange(count), lengths)).T
-    holds, (first, last) = np.array(said), np.array(lasting).T
+    holds, (first, last) = np.array(supports), np.array(lasting).T
     supporting, departures = holds.sum(axis=1), np.sum(picks > 0, axis=1)
     # most sentences, then fewest departures, then the longest range of ends, then the first
     ranks = zip(-supporting, departures, -np.nan_to_num(last - first), range(count), strict=True)
@@ -593,27 +593,27 @@ def _table_of(
 
 
 def _shares(choices: Mapping[str, Sequence[Any]], found: Judged) -> Iterator[str]:
-    said, picks = found.supported > 0, found.reading_choice
+    supports, picks = found.supported > 0, found.reading_choice
     yield from _head(["", "", *SENTENCES, "all"])
-    rows = [("every reading", "", np.ones(len(said), bool))]
+    rows = [("every reading", "", np.ones(len(supports), bool))]
     for k, (name, entries) in enumerate(choices.items()):
         rows += [(name, _text(one), picks[:, k] == i) for i, one in enumerate(entries)]
     for name, one, own in rows:
-        counts = [*said[own].sum(axis=0), said[own].all(axis=1).sum()]
+        counts = [*supports[own].sum(axis=0), supports[own].all(axis=1).sum()]
         yield _line([name, one, *(f"{count} / {own.sum()}" for count in counts)])
 
 
 def _best(choices: Mapping[str, Sequence[Any]], found: Judged) -> Iterator[str]:
-    said, picks = found.supported > 0, found.reading_choice
-    order = np.lexsort((np.sum(picks > 0, axis=1), -said.sum(axis=1)))
+    supports, picks = found.supported > 0, found.reading_choice
+    order = np.lexsort((np.sum(picks > 0, axis=1), -supports.sum(axis=1)))
     shown = list(dict.fromkeys([0, found.chosen, *order.tolist()]))[:_SHOWN]
     yield from _head([*choices, *(f"({t})" for t in _SHORT), "ends", "not supported"])
     for k in shown:
         own = [_text(e[i]) for e, i in zip(choices.values(), picks[k], strict=True)]
         ends = f"{found.ends_first[k]:.3g} to {found.ends_last[k]:.3g}"
-        missing = ", ".join(np.array(list(SENTENCES))[~said[k]]) or "none"
+        missing = ", ".join(np.array(list(SENTENCES))[~supports[k]]) or "none"
         motions = [_motion(found, row, k) for row in range(2)]
-        yield _line([*own, *motions, ends if said[k].all() else "–", missing])
+        yield _line([*own, *motions, ends if supports[k].all() else "–", missing])
 
 
 def _motion(found: Judged, tracker: int, reading: int) -> str:
@@ -628,14 +628,14 @@ def as_csv(result: Result) -> str:
     """All readings as CSV, one per line: choices, results of both trackers, sentences."""
     choices: Mapping[str, Sequence[Any]] = result.attributes["choices"]
     names = result.attributes["sentences"]
-    picks, said = result["reading_choice"].values, result["supported"].values
+    picks, supports = result["reading_choice"].values, result["supported"].values
     head = [*choices, *(f"{n}_{t}" for t in _SHORT for n in _OF_MOTIONS), *names]
     lines = [",".join([*head, "ends_first", "ends_last"])]
-    for k in range(len(said)):
+    for k in range(len(supports)):
         own = [_plain(e[int(i)]) for e, i in zip(choices.values(), picks[k], strict=True)]
         numbers = [result[n].values[t, k] for t in range(2) for n in _OF_MOTIONS]
         ends = [result[n].values[k] for n in ("ends_first", "ends_last")]
-        cells = [*own, *map(_number, numbers), *(f"{int(s)}" for s in said[k])]
+        cells = [*own, *map(_number, numbers), *(f"{int(s)}" for s in supports[k])]
         lines.append(",".join([*cells, *map(_number, ends)]))
     return "\n".join([*lines, ""])
 

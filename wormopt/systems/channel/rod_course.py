@@ -37,7 +37,7 @@ _ENERGY, _DEPTH = 0.01, 0.05
 # Velocities are compared relative to at least this share of the field's, because a rod may stand
 # still. A velocity with a relative error above the second share is not compared.
 _STILL, _KNOWN = 0.01, 0.5
-# States of which the energy is computed at once.
+# Number of states whose energies are computed together.
 _BLOCK = 512
 
 

@@ -73,7 +73,7 @@ _MOST_STEPS = 2e7
 
 
 class Switching(Pattern):
-    """Switching pattern of the coils, and its rate."""
+    """Switching pattern of the coils, and its frequency."""
 
     frequency: float = positive(
         "rate", "*n*, switches per second; the field travels one pitch in 1/`frequency`"
@@ -174,13 +174,13 @@ class RodMotion(RodStudy, kind="rod-motion"):
         "`rod_motion`: shapes, displacement, works; `animation`: the moving rod, as a GIF",
         default=(),
     )
-    switching: Switching = entry("switching pattern and rate")
+    switching: Switching = entry("switching of the coils")
     convergence: Convergence = entry("other meshes and steps", default=Convergence)
 
     # -- the rod and its coils ---------------------------------------------------------------------
 
     def varied(self, **tables: dict[str, Any]) -> RodMotion:
-        """Return the same with new values by key, for each table named; they are not checked."""
+        """Return the study with new values by key in the tables named; values are not checked."""
         changed = {
             name: structs.replace(getattr(self, name), **numbers)
             for name, numbers in tables.items()

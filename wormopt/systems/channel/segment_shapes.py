@@ -341,7 +341,11 @@ class SegmentShapes(BodyStudy, kind="segment-shapes"):
     def closest_shape_rod(self) -> str | None:
         return self.distances.closest_shape[-1]
 
-    @scalar("length", "largest distance of both; unknown in the same case", when="has_rod")
+    @scalar(
+        "length",
+        "largest distance of that shape from the rod's; unknown if that shape is",
+        when="has_rod",
+    )
     def closest_distance_rod(self) -> float | None:
         return self.distances.closest_distance[-1]
 

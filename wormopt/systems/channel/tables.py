@@ -374,9 +374,9 @@ class RodStudy(SIStudy):
     """A magnetisable rod in a channel."""
 
     worm: Worm = entry("the worm", default=Worm)
-    channel: Channel = entry("where", default=Channel)
+    channel: Channel = entry("the channel", default=Channel)
     coils: Zigzag = entry("the coils", default=Zigzag)
-    switching: Pattern = entry("how")
+    switching: Pattern = entry("switching of the coils")
     mesh: Mesh = entry("finite elements and time steps", default=Mesh)
     time: Course = entry("duration", default=Course)
 

@@ -264,7 +264,7 @@ class CoilDesign(OverCoils, kind="coil-design"):
     def float_speed(self) -> float:
         return _speed(self.motion)
 
-    @scalar("speed", "the same over the second half of the time")
+    @scalar("speed", "`float_speed` over the second half of the time")
     def late_speed(self) -> float:
         return _speed(self.motion, len(self.instants) // 2)
 
@@ -276,11 +276,13 @@ class CoilDesign(OverCoils, kind="coil-design"):
     def block_speed(self) -> float:
         return _speed(self.block_motion)
 
-    @scalar("share", "relative gain in speed, or in power if that is minimised")
+    @scalar(
+        "share", "gain over the best mean-field currents in speed, or in power if that is minimised"
+    )
     def over_mean_field(self) -> float | None:
         return self.gain_over(self.mean_field_speed, self.mean_field_power)
 
-    @scalar("share", "the same relative gain over the best block")
+    @scalar("share", "gain over the best block in speed, or in power if that is minimised")
     def over_block(self) -> float | None:
         return self.gain_over(self.block_speed, self.block_power)
 

@@ -118,7 +118,7 @@ class CoilFilm(OverCoils, kind="coil-film"):
         right = np.clip((layer.places + layer.step / 2 - middle) / layer.step, 0, 1)
         return float(layer.step * ((h[-1] - h[0]) @ right))
 
-    @scalar("area", "the same per switch, on average")
+    @scalar("area", "`carried` per switch, on average")
     def carried_per_switch(self) -> float:
         return self.carried / self.time.switches
 

@@ -225,12 +225,12 @@ class RowCurrents(AlongRow, kind="coil-inverse"):
     def field_residual(self) -> float:
         return self.profile.residual(self.square_target)
 
-    @scalar("share", "the same for the mean over the places")
+    @scalar("share", "`field_residual` of the mean over the places")
     def field_residual_mean(self) -> float:
         off = self.profile.mean - self.square_target
         return float(np.sqrt(np.mean(off**2)) / np.std(self.square_target))
 
-    @scalar("share", "the same at the points of the program")
+    @scalar("share", "`field_residual` at the points of the program")
     def field_residual_program(self) -> float:
         return self.fit.residual
 

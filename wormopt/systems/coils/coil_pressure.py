@@ -476,7 +476,7 @@ def induction_map(rested: Rested, along: np.ndarray) -> InductionMap:
     return InductionMap(x, z, B[0], B[1])
 
 
-def _rounded_down(number: float, digits: int = 3) -> str:
-    """Return a number >= 0 as text of a few digits, rounded down."""
+def _rounded_down(number: float) -> str:
+    """Return a number >= 0 as text of three digits, rounded down."""
     with localcontext(rounding=ROUND_FLOOR):
-        return f"{float(f'{Decimal(number):.{digits}g}'):g}"
+        return f"{float(f'{Decimal(number):.3g}'):g}"

@@ -253,7 +253,7 @@ class SwitchedRow(AlongRow, kind="coil-row"):
     def first_harmonic_share(self) -> float:
         return self.harmonic_shares[0]
 
-    @scalar("share", "the same for the first eight harmonics")
+    @scalar("share", "shares of the first eight harmonics, as `first_harmonic_share`")
     def harmonic_shares(self) -> np.ndarray:
         row, on = self.coils.row, self.switching.on
         middle = (row.count - 1) // 2

@@ -84,7 +84,7 @@ class Task:
 
 
 def best(found: Iterable[Judged]) -> Judged:
-    """Return the one of the largest value."""
+    """Return the pattern with the largest value."""
     return max(found, key=lambda one: one.value)
 
 
@@ -194,7 +194,7 @@ class Found:
 
 
 def starts_of(rivals: Sequence[Judged], count: int) -> list[Judged]:
-    """Return the best of each sort, then the next best, `count` in all, or one of each sort."""
+    """Return the best rival of each sort, then the next best ones until there are `count`."""
     first = {one.name: one for one in reversed(rivals)}
     others = [one for one in rivals if one not in first.values()]
     return [*first.values(), *others[: max(0, count - len(first))]]

@@ -98,15 +98,15 @@ def row_currents(result: Result) -> Figure:
     t, currents = result["time"].values, result["current"].values
     for k in range(min(3, len(currents))):
         below.plot(t, currents[k], color=LINKS[k], linestyle=DASHES[k], label=f"coil {k}")
-    told = []
+    limit_lines = []
     limit = scalar(result, "currents_limit")
     for sign in (-1, 1):
         if limit is not None and (sign * currents).max() > 0.6 * limit:
-            told = draw_limits(below, [(sign * limit,)])
+            limit_lines = draw_limits(below, [(sign * limit,)])
     below.margins(x=0)
     below.set_ylabel(label("current $I$", "ampere-turns"))
     below.set_xlabel(label("time $t$", result["time"].unit))
-    legend(below, [*below.get_legend_handles_labels()[0], *told])
+    legend(below, [*below.get_legend_handles_labels()[0], *limit_lines])
     tell(
         drawn,
         fact(result, "field_residual", "residual of the field", "%"),
@@ -178,7 +178,7 @@ def coil_film(result: Result) -> Figure:
     legend_below(drawn, entries)
     tell(
         drawn,
-        told_of_row(result),
+        switching_note(result),
         fact(result, "wave_speed", "wave speed", "mm s-1"),
         fact(result, "carried_per_switch", "carried per switch", "mm2"),
         fact(result, "thickness_max", "thickest", "mm"),
@@ -188,7 +188,7 @@ def coil_film(result: Result) -> Figure:
     return drawn
 
 
-def told_of_row(result: Result) -> str:
+def switching_note(result: Result) -> str:
     """Return the assumed row of a plot: no rig with all of these values is published."""
     count, pitch = len(result["coil_place"].values), 1e3 * result.attributes["pitch"]
     return f"row assumed: {count} coils {number(pitch)} mm apart"

@@ -178,7 +178,7 @@ class Collocation:
         return found[np.argsort(-found.real)]
 
     def _pieces(self, y: np.ndarray, load: float) -> np.ndarray:
-        # residual, Jacobian and derivative by the load are asked for at the same place in turn
+        # residual, Jacobian and derivative by the load are needed at the same point
         key = np.append(y, load).tobytes()
         if self._last is None or self._last[0] != key:
             h = y[:-1]

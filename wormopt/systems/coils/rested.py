@@ -116,7 +116,7 @@ class Rested:
 
     @property
     def field_error(self) -> float:
-        """Difference of the balance's field to one of more digits, over its largest value."""
+        """Error of the balance's field against one with more digits, over its largest value."""
         equations, (x, _), (h, slope, field) = (
             self.settled.equations, self.quadrature, self._at_surface,
         )  # fmt: skip

@@ -151,7 +151,7 @@ def _program(
     shown = [
         c for c in range(3) if np.max(np.abs(influence[c])) > 1e-12 * np.max(np.abs(influence))
     ]
-    # half a step aside of the corners at every other place, so that what lies between them counts
+    # at every other place, phases are midway between the corners, to include the field there
     turn = (np.arange(nodes)[None, :] + 0.5 * (np.arange(len(x)) % 2)[:, None]) / nodes
     away = (x[:, None, None] - row.places) / target.wavelength
     local = (turn[:, :, None] + away) * nodes

@@ -101,11 +101,11 @@ class Course:
     thickness: np.ndarray  # (points, m)
     steps: int  # of the integrator
     broke: tuple[float, float] | None  # when and where
-    # steady film next to the prescribed wave; that wave itself under its own field
+    # steady film closest to the prescribed wave; under its own field the wave itself
     wave: Steady | None
-    end: Steady | None  # steady film next to the end
+    end: Steady | None  # steady film closest to the end
     distance: float | None  # from the prescribed wave, at the end
-    settled_to: float | None  # distance from the steady film next to the end
+    settled_to: float | None  # distance from the steady film closest to the end
 
     @property
     def tail(self) -> float:
@@ -234,7 +234,7 @@ def _leg(
             raise SolveError(error.reason, error.suggestion, code=error.code) from None
         motion, failed = error.partial, True
     except Interrupted:
-        raise KeyboardInterrupt from None  # a leg alone is nothing to keep
+        raise KeyboardInterrupt from None  # a single leg is not a result
     return motion.time, motion["volume"], motion.n_steps, failed
 
 

@@ -457,9 +457,9 @@ class FilmBody(Study, kind="film-body"):
 
     @facts
     def route(self) -> dict[str, Any]:
-        asked, second = self.tolerance, self.second_route
+        tolerance, second = self.tolerance, self.second_route
         return {
-            "tolerance": {"relative": asked.relative, "absolute": asked.absolute},
+            "tolerance": {"relative": tolerance.relative, "absolute": tolerance.absolute},
             "route": self.motion.route,
             "recheck": second and second.facts,
         }

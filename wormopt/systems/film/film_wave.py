@@ -58,7 +58,7 @@ with on_use():
 _NODES = 16384
 # Slopes of the field use this many phases: they are third differences of the thickness.
 _APART = 16
-# A wave that just holds a float may miss it by round-off and quadrature only.
+# A wave that barely holds a float may fail by round-off and quadrature.
 _HELD = 1e-6
 # Accepted errors: of quantities of order 1; of the field over its range; of its slope over the
 # largest.
@@ -141,7 +141,7 @@ class Aim(Given):
         if (self.maximise is None) == (self.minimise is None):
             yield (
                 "",
-                'nothing is sought, or two things are; write maximise = "mean_flow", maximise = '
+                'no objective or two are given; write maximise = "mean_flow", maximise = '
                 '"float_speed" or minimise = "field"',
             )
         elif self.minimise and self.mean_flow is None and not self.capture:
@@ -356,7 +356,7 @@ class FilmWave(Study, kind="film-wave"):
     @stage
     def optimisation(self) -> tuple[list[DesignedWave], list[str]]:
         """All waves found, the requested one last, and the reasons why later searches failed."""
-        with np.errstate(all="ignore"):  # what is not finite is noticed where it matters
+        with np.errstate(all="ignore"):  # values that are not finite are checked later
             try:
                 waves, missed = [self.best(self.sought)], list[str]()
             except SolveError as error:
@@ -366,7 +366,7 @@ class FilmWave(Study, kind="film-wave"):
             return waves, missed
 
     def _carry_a_float(self, waves: list[DesignedWave], missed: list[str]) -> None:
-        """Add waves that carry a float faster than the wave with the largest flow does."""
+        """Add waves that carry a float faster than the wave with the largest flow."""
 
         def add(what: str, aim: WaveAim) -> None:
             try:

@@ -42,7 +42,7 @@ from wormopt.systems.film.tables import CAPTURE_DELTA
 
 # Sums over a period are refined until they agree to this share.
 _AGREED, _LEAST, _MOST = 1e-14, 256, 1 << 20
-_CORRECTED = 1e-9  # The same for corrected velocities.
+_CORRECTED = 1e-9  # as `_AGREED`, for corrected velocities
 _ROUND_OFF = 1e-15
 _LARGEST_BELOW_1 = math.nextafter(1.0, 0.0)
 

@@ -108,7 +108,6 @@ def _corrected(result: Result) -> Iterator[str]:
 
 
 def _share() -> float:
-    """Share of the sheet for a panel of `film`."""
     return 0.85 if narrow() else 0.42
 
 
@@ -224,8 +223,8 @@ def _waterfall(axes: Axes, result: Result) -> None:
     axes.set_xlabel("position $x$ in wavelengths")
     axes.set_ylabel(label("time $t$", result["time"].unit))
     entries = [*axes.get_lines(), Patch(color=_CREST, label="crests of the film")]
-    told = "length: drift with $\\varepsilon^2$\nover the wave's speed" if drifts else ""
-    legend(axes, entries, told)
+    note = "length: drift with $\\varepsilon^2$\nover the wave's speed" if drifts else ""
+    legend(axes, entries, note)
 
 
 def _drifts(result: Result) -> list[str]:
@@ -291,8 +290,7 @@ def carried(result: Result) -> Figure:
     drawn = sheet(7.1, 6.6, 6.2)
     *frames, below = drawn.subplots(_FRAMES + 1, height_ratios=[1] * _FRAMES + [2.6])
     shown = np.searchsorted(t, np.linspace(max(t[0], t[-1] - turn), t[-1], _FRAMES))
-    told = result.attributes
-    _frames(frames, result, result["position"].values[None], [told["length"]], shown)
+    _frames(frames, result, result["position"].values[None], [result.attributes["length"]], shown)
     late = t >= t[-1] - _TURNS * turn
     below.plot(t[late], result["velocity"].values[late] / speed, color=MASSES[0], label="body")
     drift = scalar(result, "drift")

@@ -190,7 +190,7 @@ Wave = CosineWave | FourierWave
 
 
 def _series(cosines: np.ndarray, sines: np.ndarray, xi: Expression, order: int = 0) -> Expression:
-    """Fourier series or a derivative of it, summed in a way that suits the argument."""
+    """Fourier series or a derivative of it, at numbers or for an expression."""
     k = np.arange(1, len(cosines) + 1)
     turned = (cosines - 1j * sines) * (1j * k) ** order  # of exp(i k xi), real part
     if symbolic(xi):

@@ -54,10 +54,10 @@ _TIGHT = Ipopt(tolerance=1e-10, mu_init=1e-2)
 class Try:
     """Result of a start."""
 
-    start: str  # from what
+    start: str  # name
     repeats: int  # of the optimised wave in 2 pi
-    crests: int = 0  # found in 2 pi; 0: nothing found
-    reached: float = math.nan  # what was sought; NaN: nothing found
+    crests: int = 0  # in 2 pi; 0: nothing found
+    reached: float = math.nan  # value of the objective; NaN: nothing found
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class DesignedWave:
 
     # all solves, the last of the single wave itself, see wormopt.systems.film.wave_problem
     stages: dict[str, Optimum]
-    limits: WaveLimits  # what it keeps to
+    limits: WaveLimits
     repeats: int  # of the optimised wave in 2 pi
     tries: tuple[Try, ...]  # all starts
 

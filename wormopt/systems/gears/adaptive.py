@@ -121,7 +121,6 @@ def _worm(box: GearBox, body: Body, gear: int, begin: np.ndarray) -> Model:
 
 
 def _on_ground(worm: Model, ground: Ground) -> Model:
-    """Apply the loads of the ground to the chain."""
     place, known = worm["position"], ("load", "drag")
     met = ground.pull_expression(place), ground.expression("drag", place)
     left = [signal for signal in worm.p if signal.name not in known]

@@ -28,12 +28,12 @@ def loads_by_limits(
     ):
         if math.isinf(limit):
             continue
-        told = f"{name} {whose}".rstrip()
+        load = f"{name} {whose}".rstrip()
         advice = (
-            f"the {told} reaches {reached / limit:.4g} of limits.{key}: decrease supervisor.down, "
+            f"the {load} reaches {reached / limit:.4g} of limits.{key}: decrease supervisor.down, "
             "or give a ground that rises less steeply"
         )
-        yield Check(f"{told} relative to its limit", reached / limit, 1 + KEPT, advice)
+        yield Check(f"{load} relative to its limit", reached / limit, 1 + KEPT, advice)
 
 
 def agreement(motion: Trajectory, again: Walk) -> Iterator[Check]:

@@ -101,7 +101,6 @@ class Gear:
 
     @cached_property
     def _forces(self) -> tuple[_Forces, ...]:
-        """Forces in every stroke."""
         return tuple(_forces(self.mass, self.drag, stroke) for stroke in self.strokes)
 
     def spike_peak(self, load: float) -> float:

@@ -154,9 +154,9 @@ def transitions(result: Result) -> Figure:
             arrowprops={"arrowstyle": "<->", "color": GREY},
         )
         unit = raised(result.scalars["up_durations"].unit)
-        told = f"  shifts take {up:.3g} up, {down:.3g} down {unit}".rstrip()
-        told = told if up + down else "  shifts take no time"
-        axes.annotate(told, (at, (speeds[k] + speeds[k + 1]) / 2), fontsize="small", va="center")
+        note = f"  shifts take {up:.3g} up, {down:.3g} down {unit}".rstrip()
+        note = note if up + down else "  shifts take no time"
+        axes.annotate(note, (at, (speeds[k] + speeds[k + 1]) / 2), fontsize="small", va="center")
     axes.set_ylim(0, 1.2 * max(speeds))
     axes.set_xlim(left=0)
     unit = result.scalars["gear_loads"].unit

@@ -247,7 +247,6 @@ class _Programs:
         return found.x[masses - 1 : -1].reshape(self.arcs + 1, masses)
 
     def _bounds(self, task: _Task) -> np.ndarray:
-        """Bounds of every unknown, (unknowns, 2)."""
         velocity = np.zeros((2, self.arcs + 1, len(self.mass)))
         velocity[1] = np.inf
         velocity[1, :, list(task.resting)] = 0.0

@@ -170,7 +170,6 @@ def steady_form(forward: Any, backward: Any, detuning: Any) -> tuple[Any, Any, A
 
 
 def _phi(forward: Any, backward: Any) -> Any:
-    """Phi of eq. 19."""
     return ca.pi / 2 * (backward - forward) / (backward + forward)
 
 

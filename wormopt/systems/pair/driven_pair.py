@@ -123,7 +123,7 @@ class Harmonic:
     mean: float
     amplitude: float
     orbit: Orbit  # the motion
-    reached: bool = True  # has the speed that was asked for, if any was
+    reached: bool = True  # whether it has the required speed, if any
     kept: bool = True  # within the strain; if not, its mean alone exceeds it
 
     @property
@@ -140,7 +140,7 @@ def relative(state: np.ndarray) -> np.ndarray:
 
 
 def from_origin(state: np.ndarray) -> np.ndarray:
-    """The same state (4,) with mass 0 at 0."""
+    """The state (4,) shifted so that mass 0 is at 0."""
     return np.concatenate([state[:2] - state[0], state[2:]])
 
 

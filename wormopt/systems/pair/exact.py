@@ -17,7 +17,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
 from wormopt.model.given import fields_of
-from wormopt.model.lift import lift
+from wormopt.model.lift import QUANTITIES, lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.values import numbers
 from wormopt.systems.shared.parameters import parameter
@@ -157,7 +157,7 @@ def pair_parts(
 ) -> PairParts:
     """Make the symbols that all forms of the pair share, from arguments of `magnetic_pair`.
 
-    Raises ArgumentError as it does.
+    Raises ArgumentError like `magnetic_pair`.
     """
     t = ca.SX.sym("t")
     positive = [
@@ -202,11 +202,12 @@ def _laws(law: Any) -> list[Law]:
     return laws
 
 
-def scaled_law(law: Law, push: float) -> Law:
-    """Friction law with forces times the push; a Stribeck velocity is unchanged."""
-    forces = {
-        name: push * value
+def scaled_law(law: Law, push: float, speed: float = 1.0) -> Law:
+    """Friction law with forces times the push and velocities times the speed."""
+    sizes = {"force": push, "speed": speed, "drag": push / speed}
+    scaled = {
+        name: sizes[QUANTITIES[name]] * value
         for name, value in fields_of(law).items()
-        if name != "v_stribeck" and value is not None
+        if value is not None
     }
-    return replace(law, **forces)  # type: ignore[type-var]
+    return replace(law, **scaled)  # type: ignore[type-var]

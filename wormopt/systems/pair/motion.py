@@ -35,16 +35,15 @@ with on_use():
 
     from wormopt.analysis.steady import SteadyState
     from wormopt.magnetics.material import SMALL_STRAIN
-    from wormopt.model.friction import Law, Stribeck, Viscous
     from wormopt.model.model import Model
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.pair.exact import magnetic_pair, scaled_law
     from wormopt.systems.shared.proof import CrossCheck, cross_check
 
-# Distance of the average of first order from its steady state from which it has not converged.
+# Largest distance of a converged first-order average from its steady state.
 _CONVERGED = 1e-9
-_ROUNDING = 1e-9  # velocity over the amplitude of the stretch up to which it is nothing else
+_ROUNDING = 1e-9  # largest rounding of a velocity, over the amplitude of the stretch
 # A motion whose consecutive mean velocities differ by a larger share has not converged.
 _DRIFT = 1e-6
 # Decay times of a deviation, longest time in 1 / eps, steps of the average.
@@ -169,7 +168,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
         laws = self.dimensionless.laws
         return {
             "": magnetic_pair(
-                law=[_law_in_units(law, push, units.speed_unit) for law in laws],
+                law=[scaled_law(law, push, units.speed_unit) for law in laws],
                 push=push,
                 frequency=self.nu / units.time_unit,
                 mass=mass,
@@ -200,7 +199,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """What all simulations have in common."""
+        """Settings of all simulations."""
         return {"p": {"frequency": self.nu}, "tolerance": self.tolerance.options}
 
     @property
@@ -464,11 +463,3 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
                 f"the stated velocity {self.velocity_stated:g} agrees neither with eq. 19, "
                 f"{own:.6g}, nor with the exact motion, {exact:.6g}"
             )
-
-
-def _law_in_units(law: Law, push: float, speed: float) -> Law:
-    """Friction law with forces over the push and velocities over a speed."""
-    law = scaled_law(law, push)
-    if isinstance(law, Viscous):
-        return replace(law, drag=law.drag / speed)
-    return replace(law, v_stribeck=speed * law.v_stribeck) if isinstance(law, Stribeck) else law

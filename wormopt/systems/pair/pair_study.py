@@ -1,4 +1,4 @@
-"""What the kinds "magnetic-pair" and "resonance" share: averages of a magneto-elastic pair."""
+"""Base of the kinds "magnetic-pair" and "resonance": averages of a magneto-elastic pair."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _AGREED = 1e-9  # accepted relative difference between steady states of eqs. 18 
 
 
 class PairStudy(Study):
-    """What studies of the averaged pair share."""
+    """Base of studies of the averaged pair."""
 
     pair: PairTable = entry("the pair")
     averaging: AveragingTable = entry("computation of the averages", default=AveragingTable)

@@ -361,7 +361,7 @@ class PairWaveform(Study, kind="pair-waveform"):
         problem = waveform_problem(scaled(self.free, first), self.bounds, self.goal)
         try:
             return best_field(problem, mesh, starts, self.mesh.tolerance, self.report)
-        except SolveError as error:  # what it hands over is no optimum
+        except SolveError as error:  # its partial result is no optimum
             raise SolveError(error.reason, error.suggestion, code=error.code) from None
 
     @property

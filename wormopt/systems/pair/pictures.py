@@ -163,10 +163,10 @@ def waveform(result: Result) -> Figure:
     for mass, velocity in enumerate(result["velocity"].values):
         rows[2].plot(time, velocity, color=MASSES[mass], linestyle=DASHES[mass])
     rows[2].axhline(needed(result, "speed"), color=GREY, lw=1, linestyle=":")
-    told = handles("mass", len(result["velocity"].values), worm=False)
-    for entry, dashes in zip(told, DASHES, strict=False):
+    entries = handles("mass", len(result["velocity"].values), worm=False)
+    for entry, dashes in zip(entries, DASHES, strict=False):
         entry.set_linestyle(dashes)
-    legend(rows[2], [*told, line("mean velocity", GREY, ":", 1)])
+    legend(rows[2], [*entries, line("mean velocity", GREY, ":", 1)])
     rows[2].set_ylabel(label("velocity $v_i$", result["velocity"].unit))
     _draw_modes(rows[3], result)
     rows[3].set_xlabel(label("time $t$", result["instant"].unit))

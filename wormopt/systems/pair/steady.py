@@ -36,7 +36,7 @@ _BEGINNINGS = (0.0, 0.13, 0.37, 0.63, 0.87, 1.0)
 # Steady states that differ by less from those of a branch belong to it.
 _ALIKE = 1e-6
 _MOST = 30  # branches
-# Means over consecutive periods that differ by more have not settled.
+# Largest difference of means over consecutive periods after convergence.
 _SETTLED = 1e-3
 
 
@@ -101,7 +101,7 @@ class Pair:
         return tuple(sorted(found, key=lambda state: not state.stable))
 
     def refined(self, state: SteadyState) -> SteadyState | None:
-        """Steady state of the second average next to one of the first.
+        """Steady state of the second average closest to one of the first.
 
         None if there is none, or the swing is too small for a second order.
         """
@@ -259,7 +259,7 @@ def points_of(pair: Pair, branches: Sequence[Branch], detuning: np.ndarray) -> P
 
 
 def _second(pair: Pair, x: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """Velocities of the second average next to states of the first; NaN where there are none."""
+    """Velocities of the second average closest to states of the first; NaN where none exist."""
     velocity = np.full(len(x), np.nan)
     large = pair.swung(x[:, 1:].T)
     if not large.any():

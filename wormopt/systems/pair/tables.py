@@ -87,7 +87,7 @@ class PairTable(Given):
         yield from faults_of_law("friction", law, 2)
         if isinstance(law, SpikeFriction):
             message = "spikes do not slide back, but these masses must"
-            yield "friction", f'{message}; write kind = "coulomb", "stribeck" or "viscous"'
+            yield "friction", f'{message}; write kind = "coulomb", for example'
             return
         for side in ("forward", "backward"):
             name = "drag" if isinstance(law, ViscousFriction) else side

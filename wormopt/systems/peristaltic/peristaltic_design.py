@@ -86,9 +86,7 @@ class Limits(Given):
     """Limits of the gait."""
 
     rate: Rate = entry("largest rate of a length; one value holds for both", quantity="speed")
-    clearance: float = positive(
-        "length", "least clearance of a moving segment from the wall, see above"
-    )
+    clearance: float = positive("length", "least clearance of a moving segment from the wall")
     reserve: float = number(
         "1",
         "least ratio of friction limit to force on the anchors",

@@ -252,7 +252,7 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
 
     @property
     def defect(self) -> float:
-        """Local error of an arc that is asked for."""
+        """Requested local error of an arc."""
         return self.mesh.tolerance
 
     @stage

@@ -143,8 +143,10 @@ class Strokes:
     )
     swelling: float = value("length", "growth of the radius over the free stroke")
     stretch: float = value("share", "length over unstressed length, in the coil")
-    stretch_extended: float = value("share", "the same, extended without field against the load")
-    stretch_loaded: float = value("share", "the same, shortened in the coil against the load")
+    stretch_extended: float = value(
+        "share", "`stretch` when extended without field against the load"
+    )
+    stretch_loaded: float = value("share", "`stretch` when shortened in the coil against the load")
     stretch_deepest: float = value("share", "least stretch at this pressure with the best coil")
     loading: float = value("1", "κ = *pR*/(*Gh*) of the coil's pressure")
     coil_pull: float = value("force", "pull of the coil at the unstressed length")
@@ -173,7 +175,7 @@ class Hold:
     moves: bool = value("1", "whether it fills the tube, holds the load and pushes itself forward")
     normal_force: float = value("force", "normal force on the tube wall; 0 if it does not reach it")
     holding: float = value("force", "friction limit by this normal force")
-    holding_loaded: float = value("force", "the same while the load pulls the ends apart")
+    holding_loaded: float = value("force", "`holding` while the load pulls the ends apart")
     drag: float = value("force", "friction of one relaxed segment on the tube, by its weight")
     gap: float = value("length", "distance between the unstressed segment and the wall")
     stretch_contact: float = value("share", "stretch at which it fills the tube")

@@ -336,7 +336,7 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
 
     @property
     def defect(self) -> float:
-        """Local error of an arc that is asked for."""
+        """Requested local error of an arc."""
         return self.mesh.tolerance
 
     # -- the motion --------------------------------------------------------------------------------

@@ -290,7 +290,7 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
     )
     worm: Worm = entry("the worm")
     coils: Coils = entry("the coils")
-    wave: SwitchedWave | HarmonicWave = entry("how")
+    wave: SwitchedWave | HarmonicWave = entry("switching of the coils over time")
     ground: Dry | Drag | InTube = entry("open ground, or a tube")
     anchoring: Literal["mid", "clamp"] = entry(
         "`mid`: friction acts at the middle of a segment; `clamp`: half of it at either end. "

@@ -294,5 +294,5 @@ def signals_of(
 
 
 def over_cycles(rows: np.ndarray, cycles: int) -> np.ndarray:
-    """Repeat rows over a stroke, the last of which begins the next one."""
+    """Repeat rows over a stroke; the last row begins the next stroke."""
     return np.concatenate([*[rows[:-1]] * cycles, rows[-1:]])

@@ -383,8 +383,8 @@ class PlanarMotion(Study, kind="planar-motion"):
         default=None,
     )
     contact: ContactTable = entry("how contact is treated; exact if left out", default=ExactContact)
-    time: TimeSpan = entry("how long")
-    tolerance: ToleranceTable = entry("how exact simulations are", default=ToleranceTable)
+    time: TimeSpan = entry("duration and samples")
+    tolerance: ToleranceTable = entry("tolerances of simulations", default=ToleranceTable)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -617,7 +617,7 @@ class PlanarMotion(Study, kind="planar-motion"):
         """Results of time stepping, if that is the second route."""
         return self.recheck and self.recheck.stepped
 
-    @scalar("share", "the same difference for steps four times as long")
+    @scalar("share", "`recheck_error` for steps four times as long")
     def moreau_coarse(self) -> float | None:
         return self.stepped and self.stepped.coarse
 
@@ -682,7 +682,7 @@ class PlanarMotion(Study, kind="planar-motion"):
 
 
 def _sampled(motion: Trajectory | None) -> Trajectory | None:
-    """Return a motion as far as it was followed, or None if it has no sample."""
+    """Return a motion up to its end, or None if it has no sample."""
     return motion if motion and len(motion.time) else None
 
 

@@ -254,9 +254,7 @@ class Simulated:
     """Where the simulation ends, and how near it comes to obstacles."""
 
     apart: float  # from the end of the plan
-    room_simulated: float = value(
-        "length", "the same from points along the links in the simulation"
-    )
+    room_simulated: float = value("length", "`room` by points along the links in the simulation")
     off_place: float = value("length", "distance of the simulated end from the goal", headline=True)
     off_angle: float = value("angle", "angle of the simulated end less the angle of the goal")
 
@@ -308,7 +306,7 @@ class PlanarPath(Study, kind="planar-path"):
         "obstacles that the body may not touch", default=()
     )
     route: Route = entry("start, goal and limits of the path")
-    search: Search = entry("how", default=Search)
+    search: Search = entry("options of the search", default=Search)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield shapes, rates and gaits that do not fit the body."""

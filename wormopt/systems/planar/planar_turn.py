@@ -94,7 +94,10 @@ class Turned:
         "share",
         "largest share of the available friction that the long link needs; it rests up to 1",
     )
-    swap_hold: float = value("share", "the same for the middle mass while the links swap")
+    swap_hold: float = value(
+        "share",
+        "largest share of the available friction that the middle mass needs while the links swap",
+    )
     drift: float = value("length", "displacement of the middle mass per gait")
     turn_promised: float | None = value("angle", "turn per gait if the conditions of rest hold")
     work_promised: float | None = value("energy", "work per gait if the conditions of rest hold")

@@ -226,7 +226,7 @@ class FiniteSerpenoid:
     """A serpenoid worm of rods over one wave that runs through it."""
 
     speed: float  # mean displacement per period over the length of material per wave: V / c
-    over_wave: float  # the same over the wave's speed: V / vc
+    over_wave: float  # speed over that of the wave, V / vc
     swim: Swim
 
 

@@ -1,4 +1,4 @@
-"""Turning in place: two links one of which always rests, and a bound of the turn rate.
+"""Turning in place: one of two links always rests, with a bound on the turn rate.
 
 Three masses are on isotropic dry ground, with friction F at the ends and F1 in the middle. While
 the joint swings by phi', the longer link can rest and the shorter one turns about the middle mass.

@@ -1,1 +1,1 @@
-"""Worms that were recorded: their numbers found from what was measured."""
+"""Fits of model parameters to recordings, and planned experiments."""

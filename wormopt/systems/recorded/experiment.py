@@ -407,10 +407,10 @@ class PlannedExperiment(FromScene, kind="experiment"):
     @cached_property
     def minimised(self) -> Criterion:
         """The criterion of experiments."""
-        if (asked := self.prediction) is None:
+        if (table := self.prediction) is None:
             return self.experiment.criterion(self.criterion, self.wanted_names)
-        model = self.with_best_values(model_of(asked.model, "", self, "prediction.model"))
-        return mean_rate(self.experiment, model, asked.output, (asked.span[0], asked.span[1]))
+        model = self.with_best_values(model_of(table.model, "", self, "prediction.model"))
+        return mean_rate(self.experiment, model, table.output, (table.span[0], table.span[1]))
 
     @stage
     def planning(self) -> tuple[Plan, str]:
@@ -448,7 +448,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
     def shrinkage(self) -> float:
         return self.plan.shrinks(self.plan.rivals[0].known)
 
-    @scalar("1", "the same factor relative to the median random experiment")
+    @scalar("1", "`shrinkage` relative to the median random experiment")
     def shrinkage_median(self) -> float:
         rivals = self.plan.rivals
         return self.plan.shrinks(rivals[len(rivals) // 2].known)
@@ -477,7 +477,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
     def prediction_error(self) -> float:
         return float(np.exp(self.plan.value))
 
-    @scalar("1", "the same after the best random experiment", when="prediction")
+    @scalar("1", "`prediction_error` after the best random experiment", when="prediction")
     def prediction_error_random(self) -> float:
         return float(np.exp(self.plan.rivals[0].value))
 

@@ -165,7 +165,7 @@ class FitRecordings(FromScene, kind="fit"):
     posterior: Draws | None = entry("sample the posterior", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows, and what is wrong in the files."""
+        """Yield faults between keys, and faults in the files."""
         for key in ("recording", "unknown"):
             if not getattr(self, key):
                 yield key, f"no entry is given; write a table [[{key}]]"

@@ -230,7 +230,7 @@ class FitDesign(DesignTable, kind="fit-design"):
     plant: Plant | None = entry("the real worm, to test the gait on", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield everything that no single key shows, and what is wrong in the files."""
+        """Yield faults between keys, and faults in the files."""
         yield from self.faults_of_design()
         yield from self.objective.faults_in_scene()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
@@ -303,12 +303,12 @@ class FitDesign(DesignTable, kind="fit-design"):
     @stage
     def fitting(self) -> Fit:
         recordings = [run.recording for run in self.reading]
-        model, asked = recordings[0].model, self.fit
+        model, table = recordings[0].model, self.fit
         assert model is not None
-        unknowns = [Unknown(name) for name in asked.numbers]
+        unknowns = [Unknown(name) for name in table.numbers]
         with refused_at(self, "fit"):
-            task = FitTask(model, recordings, unknowns, noise=asked.noise or None)
-        return fit(task, seeds=asked.seeds, seed=asked.seed, report=self.report)
+            task = FitTask(model, recordings, unknowns, noise=table.noise or None)
+        return fit(task, seeds=table.seeds, seed=table.seed, report=self.report)
 
     @cached_property
     def believed(self) -> Believed:

@@ -180,7 +180,6 @@ def _panels(result: Result, runs: Sequence[int], *, ahead: bool = False) -> Figu
 
 
 def _signals(result: Result, runs: Sequence[int]) -> list[str]:
-    """Signals recorded in these runs."""
     return [
         name
         for name in result.attributes["signals"]

@@ -207,7 +207,7 @@ class RecordingFile(Given):
         return read_columns(path, self.time) if self.is_text else _read_netcdf(path, self.time)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a reversed window, and what is no name of a signal."""
+        """Yield a reversed window, and names that no signal has."""
         if self.window and not self.window[0] < self.window[1]:
             yield "window", "the first time is not before the last; write [first, last]"
         for column, signal in self.columns.items():

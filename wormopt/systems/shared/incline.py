@@ -39,7 +39,9 @@ def weights(slope: float, gravity: float | None, masses: tuple[float, ...]) -> t
     return tuple(mass * pull for mass in masses)
 
 
-def told_of_slope(slope: float, gravity: float | None, masses: tuple[float, ...]) -> dict[str, Any]:
+def facts_of_slope(
+    slope: float, gravity: float | None, masses: tuple[float, ...]
+) -> dict[str, Any]:
     """Facts of a trust report on a slope: its pull on each mass, and assumptions."""
     if not slope:
         return {}

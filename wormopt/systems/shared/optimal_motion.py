@@ -45,7 +45,7 @@ with on_use():
 
 @dataclass(frozen=True)
 class Solves:
-    """Programs solved one after another, of which the last is the result."""
+    """Successive programs; the last one is the result."""
 
     motion: Motion  # of the last program; of a failed solve where it stopped
     optima: Mapping[str, Optimum] = field(default_factory=dict)
@@ -92,7 +92,7 @@ class OptimumNumbers:
 
 
 def optimum_numbers(optima: Mapping[str, Optimum]) -> OptimumNumbers:
-    """Numbers of programs solved one after another, of which the last is the result."""
+    """Numbers of successive programs; the last one is the result."""
     optimum = [*optima.values()][-1]
     modes, times = modes_of(optimum)
     rms, peak = input_sizes(optimum.motion)
@@ -118,7 +118,7 @@ class OptimalMotion(Study):
     advice_by_code: ClassVar[Mapping[str, str]] = {}
     """What to write instead, by the code of the optimiser's failure, where its own is not fit."""
 
-    # -- what a kind gives -------------------------------------------------------------------------
+    # -- given by a kind --------------------------------------------------------------------------
 
     def solve(self) -> dict[str, Optimum]:
         """Solve the programs, by name and in their order; the last one is the result."""
@@ -130,7 +130,7 @@ class OptimalMotion(Study):
 
     @property
     def defect(self) -> float:
-        """Local error of an arc that is asked for."""
+        """Requested local error of an arc."""
         return 1e-9
 
     @property

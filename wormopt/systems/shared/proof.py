@@ -77,8 +77,8 @@ class CrossCheck:
     @property
     def facts(self) -> dict[str, Any]:
         """Facts of a trust report."""
-        told = ("route", "error", "accepted", "shared", *(["until"] if self.until else []))
-        return {name: getattr(self, name) for name in told}
+        names = ("route", "error", "accepted", "shared", *(["until"] if self.until else []))
+        return {name: getattr(self, name) for name in names}
 
 
 def cross_check(

@@ -21,44 +21,44 @@ Sequence_ = tuple[Resting, ...]
 
 
 def sequences(
-    masses: int, letters: Sequence[Resting], phases: int, *, mirror: bool
+    masses: int, sets: Sequence[Resting], phases: int, *, mirror: bool
 ) -> list[Sequence_]:
-    """List the cyclic sequences of `phases` resting sets (`letters`), each class once.
+    """List the cyclic sequences of `phases` resting sets (`sets`), each class once.
 
     Neighbouring sets differ, and no mass rests forever; `mirror`: i -> n - i is the same.
     """
     found = set()
-    for word in product(letters, repeat=phases):
-        if word[0] == min(word) and is_gait(word):
-            found.add(canonical(word, masses, mirror=mirror))
+    for sequence in product(sets, repeat=phases):
+        if sequence[0] == min(sequence) and is_gait(sequence):
+            found.add(canonical(sequence, masses, mirror=mirror))
     return sorted(found)
 
 
-def is_gait(word: Sequence_) -> bool:
+def is_gait(sequence: Sequence_) -> bool:
     """Whether neighbouring sets differ and no mass rests forever."""
-    changes = all(word[i] != word[i - 1] for i in range(len(word)))
-    return changes and not set.intersection(*(set(s) for s in word))
+    changes = all(sequence[i] != sequence[i - 1] for i in range(len(sequence)))
+    return changes and not set.intersection(*(set(s) for s in sequence))
 
 
-def canonical(word: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
+def canonical(sequence: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
     """Representative of all rotations of a sequence, and of its mirror images if asked.
 
     `mirror`: whether i -> n - i gives the same gait.
     """
-    images = [word]
+    images = [sequence]
     if mirror:
-        images.append(mirrored(word, masses))
-    return min(image[k:] + image[:k] for image in images for k in range(len(word)))
+        images.append(mirrored(sequence, masses))
+    return min(image[k:] + image[:k] for image in images for k in range(len(sequence)))
 
 
-def ascending(word: Sequence[Sequence[int]]) -> Sequence_:
+def ascending(sequence: Sequence[Sequence[int]]) -> Sequence_:
     """Sort the resting masses of each phase in ascending order."""
-    return tuple(tuple(sorted(resting)) for resting in word)
+    return tuple(tuple(sorted(resting)) for resting in sequence)
 
 
-def mirrored(word: Sequence_, masses: int) -> Sequence_:
+def mirrored(sequence: Sequence_, masses: int) -> Sequence_:
     """Exchange head and tail."""
-    return ascending([[masses - 1 - i for i in resting] for resting in word])
+    return ascending([[masses - 1 - i for i in resting] for resting in sequence])
 
 
 def block_wave_sequence(links: int, resting: int) -> list[tuple[int, ...]]:
@@ -123,30 +123,30 @@ def minimal(sequence: Sequence_) -> frozenset[Resting]:
 
 
 def neighbours(
-    word: Sequence_, letters: Sequence[Resting], reach: float = np.inf
+    sequence: Sequence_, sets: Sequence[Resting], reach: float = np.inf
 ) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
     """Drop, replace or insert one resting set, also within a phase, or exchange two neighbours.
 
     Yields the smallest number of masses by which the new set differs from its neighbours, the new
-    word, and for each of its phases the index in the given word, None for a new phase. `reach` is
-    the largest distance of a new resting mass from those at rest.
+    sequence, and for each of its phases the index in the given sequence, None for a new phase.
+    `reach` is the largest distance of a new resting mass from those at rest.
     """
-    every: list[int | None] = list(range(len(word)))
-    for k, here in enumerate(word):
-        for letter in letters:
-            last = word[k - 1]
-            from_here, from_last = (len({*letter} ^ {*s}) for s in (here, last))
-            if _distance(letter, here) <= reach:
-                yield from_here, (*word[:k], letter, *word[k + 1 :]), every
+    every: list[int | None] = list(range(len(sequence)))
+    for k, here in enumerate(sequence):
+        for new in sets:
+            last = sequence[k - 1]
+            from_here, from_last = (len({*new} ^ {*s}) for s in (here, last))
+            if _distance(new, here) <= reach:
+                yield from_here, (*sequence[:k], new, *sequence[k + 1 :]), every
                 amid = [*every[: k + 1], None, *every[k:]]
-                yield from_here, (*word[: k + 1], letter, *word[k:]), amid
-            if min(_distance(letter, here), _distance(letter, last)) <= reach:
+                yield from_here, (*sequence[: k + 1], new, *sequence[k:]), amid
+            if min(_distance(new, here), _distance(new, last)) <= reach:
                 least = min(from_here, from_last)
-                yield least, (*word[:k], letter, *word[k:]), [*every[:k], None, *every[k:]]
-        yield 1, word[:k] + word[k + 1 :], every[:k] + every[k + 1 :]
-        turn = [*range(len(word))]
-        turn[k - 1], turn[k] = k, (k - 1) % len(word)
-        yield 1, tuple(word[i] for i in turn), list(turn)
+                yield least, (*sequence[:k], new, *sequence[k:]), [*every[:k], None, *every[k:]]
+        yield 1, sequence[:k] + sequence[k + 1 :], every[:k] + every[k + 1 :]
+        turn = [*range(len(sequence))]
+        turn[k - 1], turn[k] = k, (k - 1) % len(sequence)
+        yield 1, tuple(sequence[i] for i in turn), list(turn)
 
 
 def _distance(resting: Resting, other: Resting) -> int:
@@ -155,19 +155,19 @@ def _distance(resting: Resting, other: Resting) -> int:
 
 
 def neighbours_at_both_ends(
-    word: Sequence_, letters: Sequence[Resting], reach: float, masses: int
+    sequence: Sequence_, sets: Sequence[Resting], reach: float, masses: int
 ) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
     """Changes as in `neighbours`, each with its mirror image half a cycle later.
 
-    Empty for a word whose second half is not the mirror image of the first.
+    Empty for a sequence whose second half is not the mirror image of the first.
     """
-    half = len(word) // 2
-    if word[half:] != mirrored(word[:half], masses):
+    half = len(sequence) // 2
+    if sequence[half:] != mirrored(sequence[:half], masses):
         return
-    for change, edited, kept in neighbours(word, letters, reach):
+    for change, edited, kept in neighbours(sequence, sets, reach):
         first, second = kept[:-half], kept[-half:]
         early = all(k is None or k < half for k in first) and second == [*range(half, 2 * half)]
-        if early and edited[-half:] == word[half:]:
+        if early and edited[-half:] == sequence[half:]:
             later = [None if k is None else k + half for k in first]
             yield change, edited[:-half] + mirrored(edited[:-half], masses), first + later
 

@@ -90,7 +90,7 @@ def rests(motion: Trajectory) -> list[tuple[int, float, float]]:
 
 
 def fitted(arrays: Mapping[str, Any], declared: Declared) -> dict[str, np.ndarray]:
-    """Remove the axis of length 1, next to last, of signals without entries."""
+    """Remove the last axis but one, of length 1, of signals without entries."""
     found = {name: np.asarray(values) for name, values in arrays.items()}
     return {
         name: array if array.ndim == len(declared[name][1]) else np.squeeze(array, -2)

@@ -1,11 +1,11 @@
 """Ceiling on the mean speed from link rates and resting masses alone, and modes that reach it.
 
-The mode linear program has a share of time for every set of resting masses, too many to list for a
-long worm. It is therefore solved by column generation (Gilmore and Gomory; Dantzig and Wolfe). A
+The mode linear program has a share of time for every set of resting masses, which are too many for
+a long worm. It is therefore solved by column generation (Gilmore and Gomory; Dantzig and Wolfe). A
 small program mixes the velocity patterns found so far; its multipliers are weights of the masses.
 The best pattern for these weights is added until none is better than the mix. The best pattern is
 found exactly: between two neighbouring resting masses its value does not depend on the rest of the
-worm, so choosing the resting masses is a longest path along the chain.
+worm, so the choice of resting masses is a longest path along the chain.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ import numpy as np
 
 from wormopt.numerics.linear_program import simplex, solve
 
-# Shares of the speed: smallest gain for which a pattern is added, and largest distance from the
-# best for a mix to count as best. The solver's tolerance must be below the first.
+# Shares of the speed: smallest gain for which a pattern is added, and largest distance of a best
+# mix from the optimum. The solver's tolerance must be below the first.
 _WORTHWHILE = 2e-10
 _SOLVED = 1e-10
 _SAME = 1e-8
 _TOLERANCE = 1e-10
 # Shares of the largest rate: slower links count as this fast, which the solver can distinguish from
-# 0; and slower masses count as resting where a unit of speed is chosen.
+# 0; slower masses count as resting in the choice of the unit of speed.
 _SLOWEST = 1e-6
 _TINY = 1e-9
-# Rounds after which the bound is used although it is not sharp; 32 links take about 100.
+# Rounds after which the bound is used without convergence; 32 links take about 100.
 _ROUNDS = 500
-# Largest relative error of sums of up to some hundred terms of one sign.
+# Largest relative error of sums of some hundred terms of one sign.
 _ROUNDING = 1e-13
-# Sets drawn per mass when mixes of few sets are searched.
+# Sets drawn per mass in the search for mixes of few sets.
 _DRAWS = 4
 
 
@@ -124,7 +124,7 @@ def _thinned(whole: ModeMix, rates: np.ndarray, sets: list[tuple[int, ...]]) -> 
                 mix, sets = fewer, others
             else:
                 start += size
-    # weights that prove optimality for fewer sets prove nothing for all
+    # weights that prove optimality for fewer sets do not prove it for all
     return replace(mix, ceiling=whole.ceiling, weights=whole.weights)
 
 
@@ -196,7 +196,7 @@ class _Mixer:
         for _ in range(chain.masses):  # velocity of the mass = speed
             self._solver.addRow(0.0, 0.0, 1, self._rows[:1], np.array([-1.0]))
         self._solver.addRow(1.0, 1.0, 0, *nothing)  # sum of shares
-        self.add((), np.zeros(chain.masses))  # so that a mix exists
+        self.add((), np.zeros(chain.masses))  # ensures that a mix exists
         for z in sets:
             fastest = chain.fastest_of_all(z)
             self.add(z, fastest)
@@ -248,14 +248,14 @@ def _solution(solver: Any) -> tuple[np.ndarray, np.ndarray]:
 class _Chain:
     """Velocities within link rates; `rates` (2, n) are of contraction and extension.
 
-    Nodes are the masses, numbered from 1, and a virtual resting one at either end, whose link is
-    too fast to matter. Everything is then between two resting nodes.
+    Nodes are the masses, numbered from 1, and a virtual resting one at each end, with a link too
+    fast to matter. Every section of the chain is thus between two resting nodes.
     """
 
     def __init__(self, rates: np.ndarray) -> None:
         self.masses = rates.shape[1] + 1
         self._rates, self.slowest = rates, rates.min()
-        self._fast = rates.sum()  # no mass is faster while one rests
+        self._fast = rates.sum()  # no mass is faster while another one rests
         ends = np.full((2, 1), self._fast)
         self._contraction, self._extension = np.hstack([ends, rates, ends])
         behind = np.concatenate([[0.0], np.cumsum(rates[0])])
@@ -290,7 +290,7 @@ class _Chain:
             best[i] = sum(lengths[: bisect_right(levels, ahead[i + 1])])
             most[i] = sum(lengths)
         velocities = best.copy()
-        for i in range(self.masses - 2, -1, -1):  # as near to the best as the mass behind allows
+        for i in range(self.masses - 2, -1, -1):  # nearest admissible to the best
             least = max(0.0, velocities[i + 1] - self._rates[0, i])
             largest = min(most[i], velocities[i + 1] + self._rates[1, i])
             velocities[i] = min(max(best[i], least), largest)

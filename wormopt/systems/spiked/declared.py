@@ -110,12 +110,18 @@ DESIGN_SCALARS: dict[str, tuple[str, str]] = MOTION_SCALARS | {
         "1",
         "with `[motor]`: for each link the source of the smaller rate limit, `gait` or `motor`",
     ),
-    "acceleration_limit_from": ("1", "the same for the limit on acceleration"),
+    "acceleration_limit_from": (
+        "1",
+        "with `[motor]`: for each link the source of the smaller acceleration limit",
+    ),
     "motor_rate_share": (
         "share",
         "with `[motor]`: largest link rate as a share of the motor's limit",
     ),
-    "motor_acceleration_share": ("share", "the same for the acceleration"),
+    "motor_acceleration_share": (
+        "share",
+        "with `[motor]`: largest link acceleration as a share of the motor's limit",
+    ),
     "length_limits": ("length", "[shortest, longest] of each link"),
     "rate_limit": (
         "speed",

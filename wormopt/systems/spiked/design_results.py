@@ -58,9 +58,9 @@ def with_keys(error: SolveError, table: DesignTable) -> SolveError:
 
 @dataclass(frozen=True, eq=False)
 class DesignReport:
-    """What results report of a designed gait."""
+    """Results reported on a designed gait."""
 
-    objective: Scalar  # reached, recomputed from the gait, in its quantity
+    objective: Scalar  # recomputed from the gait, in its quantity
     scalars: dict[str, Any]
     variables: dict[str, np.ndarray]
     checks: tuple[Check, ...]
@@ -96,13 +96,14 @@ def of_design(table: DesignTable, found: Design) -> DesignReport:
     if rounded:
         facts["rounded"] = rounded
     if (motor := table.motor) is not None:
-        # a motor that is always ramped, and the gait alone: independent of the design's own check
-        asked = demand(found.gait, structs.replace(motor, start_rate=0.0))
+        # a motor that always needs a ramp, and the gait alone: independent of the design's own
+        # check
+        needed = demand(found.gait, structs.replace(motor, start_rate=0.0))
         scalars |= {f"{name}_limit_from": whose for name, whose in _whose(table).items()}
-        scalars["motor_rate_share"] = float(asked.turn_rate_max.max()) / motor.rate_max
-        most = float(asked.acceleration_max.max())
+        scalars["motor_rate_share"] = float(needed.turn_rate_max.max()) / motor.rate_max
+        most = float(needed.acceleration_max.max())
         scalars["motor_acceleration_share"] = most / motor.acceleration_max
-        checks.append(_check_of_motors(asked))
+        checks.append(_check_of_motors(needed))
         facts |= assumed(table.units, motors=_MOTORS)
     warnings = (*_warnings(found, table.search.effort), *_warnings_of_steps(rounded))
     return DesignReport(
@@ -112,7 +113,7 @@ def of_design(table: DesignTable, found: Design) -> DesignReport:
 
 def _checks(excess: dict[str, float], found: Design) -> Iterator[Check]:
     for key, value in excess.items():
-        over = float(np.maximum(value, 0.0))  # keeps what is not a number
+        over = float(np.maximum(value, 0.0))  # NaN remains
         yield Check(key, over, _ACCEPTED, f"{key} is exceeded by {value:.2g} of its value")
     above = found.speed / found.ceiling - 1.0
     advice = "the speed is above its ceiling, which is an error; please report this scene"
@@ -128,7 +129,7 @@ def _under_loads(found: Design) -> Iterator[Check]:
 
 
 def _of_ticks(found: Design) -> dict[str, Any]:
-    """Numbers of cycles of whole ticks, of whole steps, and of a range of loads."""
+    """Scalars of cycles of whole ticks, whole steps, and a range of loads."""
     limits, known = found.task.limits, dict[str, Any]()
     if found.free is not None:
         known |= {
@@ -144,7 +145,7 @@ def _of_ticks(found: Design) -> dict[str, Any]:
 
 
 def _limits(found: Design) -> dict[str, Any]:
-    """Limits that pictures show, those that are given."""
+    """Limits for pictures; only those that are given."""
     limits, links = found.task.limits, found.task.worm.links
     given = {
         "length_limits": limits.length_ranges(links),
@@ -157,7 +158,7 @@ def _limits(found: Design) -> dict[str, Any]:
 
 
 def as_result(found: Design) -> Result:
-    """A Result that holds what pictures of a design show, without units."""
+    """A Result for pictures of a design, without units."""
     motion = found.motion
     arrays = motion_variables(motion)
     return Result(
@@ -175,7 +176,7 @@ def as_result(found: Design) -> Result:
 
 def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:
     survey = found.survey
-    best_of_each = {t.sequence: t for t in reversed(survey.trials)}  # the last, the best, stays
+    best_of_each = {t.sequence: t for t in reversed(survey.trials)}  # the best one is kept
     best = sorted(best_of_each.values(), key=lambda trial: -trial.value)[:5]
     return {
         "violations": excess,
@@ -211,7 +212,7 @@ def _warnings(found: Design, effort: Effort) -> Iterator[str]:
 
 
 def _rounded(found: Design) -> dict[str, float]:
-    """Violation of limits by rounded lengths that move in straight lines from tick to tick."""
+    """Violation of limits by rounded lengths that change linearly between ticks."""
     limits = found.task.limits
     if limits.length_step is None:
         return {}
@@ -227,11 +228,11 @@ def _warnings_of_steps(rounded: dict[str, float]) -> Iterator[str]:
             )
 
 
-def _check_of_motors(asked: Demand) -> Check:
-    # a period that is short by a share stands for accelerations that are over by twice that
-    name, short = asked.strictest.name, max(0.0, asked.period_min / asked.period - 1.0)
-    advice = f"motor.{name} is exceeded: the gait needs a period of {asked.period_min}"
-    return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=asked.feasible)
+def _check_of_motors(needed: Demand) -> Check:
+    # a period too short by a share means accelerations too large by twice this share
+    name, short = needed.strictest.name, max(0.0, needed.period_min / needed.period - 1.0)
+    advice = f"motor.{name} is exceeded: the gait needs a period of {needed.period_min}"
+    return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=needed.feasible)
 
 
 def _whose(table: DesignTable) -> dict[str, list[str]]:

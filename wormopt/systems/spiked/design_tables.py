@@ -23,7 +23,7 @@ class DesignTable(Study):
 
     worm: SceneWorm = entry("the worm")
     gait: GaitLimits = entry("the limits")
-    search: Search = entry("how to search", default=Search)
+    search: Search = entry("options of the search", default=Search)
     motor: Motor | None = entry(
         "a stepping motor with a threaded rod on each link; none by default. |*l*′| ≤ `lead` "
         "· `rate_max` and |*l*″| ≤ `lead` · `acceleration_max` hold in addition to the limits "

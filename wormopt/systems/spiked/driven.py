@@ -1,7 +1,7 @@
 """The worm with spikes under a known gait (eq. 7) as a Model, to fit its masses, drag and load.
 
 While any mass rests, the gait alone determines which ones do; this is a schedule. The only state
-left is the common velocity w of a glide, on one spike that represents all.
+left is the common velocity w of a glide, on one spike for all masses.
 """
 
 from __future__ import annotations

@@ -133,8 +133,8 @@ def _from_file(shape: FileShape, scene: Scene[Any], key: str) -> Gait:
     except UnknownNameError as error:
         raise SceneError(scene.name, [(f"{key}.point", f"{shape.file}: {error}")]) from None
     except (OSError, ValueError) as error:
-        said = str(error)
-        named = said if said.startswith(path.name) else f"{shape.file}: {said}"
+        message = str(error)
+        named = message if message.startswith(path.name) else f"{shape.file}: {message}"
         raise SceneError(scene.name, [(f"{key}.file", named)]) from None
     if gait.links != scene.table.worm.links:
         message = (

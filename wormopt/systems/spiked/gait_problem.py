@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import comb
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from msgspec import Meta, structs
 
 from wormopt.errors import ArgumentError, Fault
-from wormopt.model.given import per, wrong_order
+from wormopt.model.given import check_choice, per, wrong_order
 from wormopt.study.given import Given, entry, number, positive, whole, wrong_count
 from wormopt.study.types import (
     Loads,
@@ -21,7 +21,7 @@ from wormopt.study.types import (
     PerMass,
     Seed,
 )
-from wormopt.systems.shared.incline import Gravity, Uphill, faults_of_slope, told_of_slope, weights
+from wormopt.systems.shared.incline import Gravity, Uphill, facts_of_slope, faults_of_slope, weights
 from wormopt.systems.spiked.limits import MOST_LINKS, Limits
 
 Cost = Literal[
@@ -94,7 +94,7 @@ class Worm(Given, kw_only=False):
     @property
     def facts(self) -> dict[str, Any]:
         """Effect of the weight on a slope, for the trust report."""
-        return told_of_slope(self.slope, self.gravity, self.masses)
+        return facts_of_slope(self.slope, self.gravity, self.masses)
 
     @property
     def load_range(self) -> tuple[float, float]:
@@ -194,7 +194,7 @@ def _mean(each: tuple[float, ...]) -> float:
 
 
 class SceneWorm(Worm):
-    """The worm of a scene, which must say its masses."""
+    """The worm of a scene; its masses are required."""
 
     mass: PerMass = entry(_MASS, quantity="mass", per="masses")
 
@@ -242,9 +242,10 @@ class Objective(Given, kw_only=False):
         Raises
         ------
         ArgumentError
-            If `what` is an Objective and `speed` is given too.
+            If `what` is no objective, or is an Objective and `speed` is given too.
         """
         if not isinstance(what, Objective):
+            check_choice("objective", what, ("speed", *get_args(Cost)))
             return cls(None if what == "speed" else what, speed)
         if speed is not None:
             raise ArgumentError("speed is given, but the objective has its own; remove one of them")
@@ -363,7 +364,7 @@ class Search(Given):
     """  # noqa: E501
 
     seed: Seed = entry("seed of the random starts", default=0)
-    effort: Effort = entry("extent of the search, see above", default="normal")
+    effort: Effort = entry("extent of the search", default="normal")
     phases: int | None = whole(2, 64, "largest number of phases of a cycle", default=None)
     sequence: Order | None = entry(
         "resting masses of each phase of a cycle; only this sequence is used", default=None
@@ -467,6 +468,19 @@ class GaitProblem(Given, kw_only=False):
     def counts(self) -> dict[str, int]:
         """Numbers of links and masses."""
         return self.worm.counts
+
+    @property
+    def of_each(self) -> list[tuple[float, ...]]:
+        """Mass of each mass, range and limits of each link and mass, head first; 0 if not given."""
+        n, limits = self.worm.links, self.limits
+        return [
+            self.worm.masses,
+            *limits.rate_bounds(n),
+            tuple(longest - shortest for shortest, longest in limits.length_ranges(n)),
+            per(limits.acceleration or 0.0, n),
+            per(limits.actuator_force or 0.0, n),
+            per(limits.spike_load or 0.0, n + 1),
+        ]
 
     @property
     def loads_matter(self) -> bool:

@@ -306,7 +306,6 @@ class Limits(Given, kw_only=False):
             yield "length_step", f"is given without {self.name}.tick; write {self.name}.tick too"
 
     def _faults_of_tick(self) -> Iterator[Fault]:
-        """Yield the faults of a tick for a valid period."""
         if self.tick is None:
             return
         shortest, longest = self.period_range

@@ -79,9 +79,9 @@ def gait(result: Result) -> Figure:
         strict=False,
     ):
         _draw_links(axes, result, name, text)
-        told = draw_limits(axes, limits, shades(LINKS, links))
+        limit_lines = draw_limits(axes, limits, shades(LINKS, links))
         if axes is panels[0]:
-            legend(axes, [*handles("link", links), *told])
+            legend(axes, [*handles("link", links), *limit_lines])
     draw_rests(panels[-1], result["time"].values, result["resting"].values.astype(bool))
     panels[-1].set_xlabel(label("time $t$", result["time"].unit))
     tell(drawn, *_cycle(result), _fastest(result))
@@ -99,7 +99,6 @@ def _tell_knee(drawn: Figure, result: Result) -> Figure:
 
 
 def _cycle(result: Result) -> list[str]:
-    """Speed, advance and period."""
     return [fact(result, "speed", "mean speed"), fact(result, "advance"), fact(result, "period")]
 
 
@@ -164,8 +163,8 @@ def spikes(result: Result) -> Figure:
     for i, (load, colour) in enumerate(zip(result["reaction"].values, own, strict=True)):
         loads.plot(time, load, color=colour, zorder=3 + (masses - i) / masses)
         loads.fill_between(time, load, color=colour, alpha=0.12, linewidth=0)
-    told = draw_limits(loads, ceilings(scalar(result, "spike_load_limit"), masses), own)
-    legend(loads, [*handles("mass", masses), *told, *_draw_impulses(loads, result)])
+    limit_lines = draw_limits(loads, ceilings(scalar(result, "spike_load_limit"), masses), own)
+    legend(loads, [*handles("mass", masses), *limit_lines, *_draw_impulses(loads, result)])
     loads.set_ylabel(label("load on spikes\n$\\lambda_i$", result["reaction"].unit))
     mean.plot(time, result["sigma"].values, color="#BBBBBB", linewidth=3,
               label=r"$\sigma$, needed to prevent gliding")  # fmt: skip
@@ -175,10 +174,10 @@ def spikes(result: Result) -> Figure:
     legend(mean)
     mean.set_ylabel(label("mean over\nthe masses", result["sigma"].unit))
     _draw_links(forces, result, "actuator_force", "actuator\nforce $\\mu_j$")
-    told = draw_limits(
+    limit_lines = draw_limits(
         forces, symmetric(scalar(result, "actuator_force_limit"), links), shades(LINKS, links)
     )
-    legend(forces, [*handles("link", links), *told])
+    legend(forces, [*handles("link", links), *limit_lines])
     forces.set_xlabel(label("time $t$", result["time"].unit))
     tell(
         drawn,

@@ -181,8 +181,8 @@ class FileShape(Given, tag_field="shape", tag="file"):
             from wormopt.model.gait_table import read_gait
 
             with suppress(OSError, ArgumentError):  # reported by the run
-                _, _, said = read_gait(path, "SI" if units == "SI" else "dimensionless")
-                yield from (f"{self.file}: {what}" for what in said)
+                _, _, notes = read_gait(path, "SI" if units == "SI" else "dimensionless")
+                yield from (f"{self.file}: {what}" for what in notes)
 
 
 Shape = FastShape | BlockWaveShape | AccordionShape | SineShape | FileShape

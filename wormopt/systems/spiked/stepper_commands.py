@@ -429,14 +429,14 @@ class StepperCommands(Study, kind="stepper"):
         yield from short_pauses(self.motor, self.demand, self.steps)
 
 
-def short_pauses(stepper: Stepper, asked: Demand, steps: Steps) -> Iterator[str]:
+def short_pauses(stepper: Stepper, needed: Demand, steps: Steps) -> Iterator[str]:
     """Warn of motors whose pulses at a reversal are faster than the gait's largest rate.
 
     Away from reversals this cannot happen. At a reversal two opposite pulses are as little as
     twice the hysteresis apart, which the limits on the gait's own rates do not cover.
     """
     for j, interval in enumerate(steps.intervals_min):
-        largest = float(asked.turn_rate_max[j]) * stepper.pulses_per_turn
+        largest = float(needed.turn_rate_max[j]) * stepper.pulses_per_turn
         times = 1 / (interval * largest) if interval > 0 else np.inf
         at_once = interval * stepper.start_rate * stepper.pulses_per_turn >= 1
         if np.isfinite(interval) and times > 1 + _ACCEPTED and not at_once:

@@ -65,7 +65,7 @@ class CapsuleTable(Given):
         )
 
     def _coasting(self) -> Model:
-        """Model without input but for impulses."""
+        """Model whose only inputs are impulses."""
         model = capsule(share=self.share, friction=self.friction, stroke=self.stroke)
         return replace(model, u=[replace(signal, lower=0.0, upper=0.0) for signal in model.u])
 

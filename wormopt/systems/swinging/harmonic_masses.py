@@ -259,7 +259,7 @@ class Masses(Given):
 
 
 class Start(Given):
-    """How the simulated motion starts."""
+    """Initial state of the simulated motion."""
 
     velocity: float = number("speed", "initial velocity *V* of the centre", default=0.0)
 
@@ -299,7 +299,7 @@ class ExactMotions:
 
     orbits: list[Orbit | None]  # periodic, one for each steady velocity; None: not found
     course: Trajectory | None  # from the velocity given
-    lost: str  # why the orbit of interest, or the course, is missing
+    lost: str  # why the relevant orbit, or the course, is missing
 
 
 @dataclass(frozen=True)
@@ -309,9 +309,13 @@ class AveragedNumbers:
     velocity_steady: float = value(
         "speed", "steady *V* to which the motion converges, in first order", headline=True
     )
-    velocity_steady_second: float | None = value("speed", "the same in second order", headline=True)
+    velocity_steady_second: float | None = value(
+        "speed", "`velocity_steady` in second order", headline=True
+    )
     velocity_closed_form: float | None = value(
-        "speed", "the same for dry friction and one harmonic; unknown for others", headline=True
+        "speed",
+        "steady *V* in closed form, for dry friction and one harmonic; else unknown",
+        headline=True,
     )
     stable: int = value("count", "whether small deviations decay")
     settling_time: float | None = value("time", "time constant of their decay")
@@ -411,9 +415,9 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
     )
     worm: Masses = entry("the masses")
     start: Start = entry("start of a simulated motion for comparison", default=Start)
-    time: Course = entry("its duration", default=Course)
+    time: Course = entry("duration of the motion", default=Course)
     averaging: AveragingTable = entry("computation of the averages", default=AveragingTable)
-    tolerance: ToleranceTable = entry("how exact simulations are", default=ToleranceTable)
+    tolerance: ToleranceTable = entry("tolerances of simulations", default=ToleranceTable)
 
     # -- computing ---------------------------------------------------------------------------------
 
@@ -456,13 +460,13 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
 
     @property
     def second_order(self) -> float | None:
-        """The same velocity in second order."""
+        """Steady velocity to which the motion converges, in second order."""
         second = self.averages.second[self.chosen]
         return second and second.velocity
 
     @stage
     def exact(self) -> ExactMotions:
-        """Find the periodic motions near the steady velocities, and the motion asked for."""
+        """Find the periodic motions near the steady velocities, and the requested motion."""
         time, found = self.time, self.averages
         runner = Runner(
             measured(self.worm.model(place=True)),

@@ -63,19 +63,19 @@ def _draw_period(axes: Axes, result: Result) -> None:
     axes.set_xlim(0, 1)
     axes.set_xlabel("share of the period")
     axes.set_ylabel(label("velocity relative\nto the centre", result["relative_velocity"].unit))
-    told = [line("$-V$: a mass reverses", GREY, LIMIT, 0.9)]
+    entries = [line("$-V$: a mass reverses", GREY, LIMIT, 0.9)]
     if "event_share" in result:
-        told.append(line("exact reversal", GREY, "none", marker="o"))
-    legend(axes, [*handles("mass", len(relative), worm=False), *told])
+        entries.append(line("exact reversal", GREY, "none", marker="o"))
+    legend(axes, [*handles("mass", len(relative), worm=False), *entries])
 
 
 def _draw_course(axes: Axes, result: Result) -> None:
-    time, told = result["time"].values, []
+    time, entries = result["time"].values, []
     if "center_velocity" in result:
-        told += axes.plot(
+        entries += axes.plot(
             time, result["center_velocity"].values, color=LINKS[0], linewidth=1.8, label="exact"
         )
-    told += axes.plot(
+    entries += axes.plot(
         time,
         result["center_velocity_averaged"].values,
         color=LINKS[1],
@@ -87,10 +87,10 @@ def _draw_course(axes: Axes, result: Result) -> None:
     for V, stable in steady:
         axes.axhline(V, color=GREY if stable else RED, linewidth=1, linestyle=":", zorder=1.5)
         text = "steady" if stable else "steady, unstable"
-        if text not in [entry.get_label() for entry in told]:
+        if text not in [entry.get_label() for entry in entries]:
             colour = GREY if stable else RED
-            told.append(line(text, colour, ":", 1))
+            entries.append(line(text, colour, ":", 1))
     axes.set_xlim(time[0], time[-1])
     axes.set_xlabel(label("time $t$", result["time"].unit))
     axes.set_ylabel(label("velocity of\nthe centre $V$", result["center_velocity_averaged"].unit))
-    legend(axes, told)
+    legend(axes, entries)

@@ -27,8 +27,8 @@ from wormopt.plotting.parts import (
 from wormopt.result import Result
 
 _DEGREES = 180 / np.pi
-_LEAST = 1e-11  # of the largest response at a frequency; what is smaller is rounding
-# the gains that are told apart: name, words, colour, dashes
+_LEAST = 1e-11  # of the largest response at a frequency; smaller ones are rounding
+# marked gains: name, words, colour, dashes
 _MARKS = {
     "gain_learned": ("gain learned by the tracker", LINKS[3], "-"),
     "gain_linear": ("least gain by harmonics", LINKS[0], (0, (6, 2))),

@@ -49,21 +49,21 @@ def readings(result: Result) -> Figure:
     return drawn
 
 
-def _said(result: Result) -> np.ndarray:
+def _supported(result: Result) -> np.ndarray:
     """Whether each sentence, and whether all, hold for each reading (readings, sentences + 1)."""
-    said = result["supported"].values > 0
-    return np.column_stack([said, said.all(axis=1)])
+    supported = result["supported"].values > 0
+    return np.column_stack([supported, supported.all(axis=1)])
 
 
 def _rows(result: Result) -> list[tuple[str, np.ndarray]]:
     """Share of readings that support each sentence, by entry."""
-    said, picks = _said(result), result["reading_choice"].values
-    rows = [("every reading", said.mean(axis=0))]
+    supported, picks = _supported(result), result["reading_choice"].values
+    rows = [("every reading", supported.mean(axis=0))]
     choices: Mapping[str, Sequence[Any]] = needed(result, "choices")
     for k, (name, entries) in enumerate(choices.items()):
         for i, entry in enumerate(entries):
             rows.append((f"{_KEYS.get(name, name)}  {_text(entry)}",
-                         said[picks[:, k] == i].mean(axis=0)))  # fmt: skip
+                         supported[picks[:, k] == i].mean(axis=0)))  # fmt: skip
     return rows
 
 
@@ -76,10 +76,10 @@ def _text(entry: Any) -> str:
 
 
 def _draw_all(axes: Axes, result: Result) -> None:
-    said = _said(result)
-    order = np.lexsort((*said[:, :-1].T, -said[:, :-1].sum(axis=1)))
-    axes.pcolormesh(said[order], cmap=ListedColormap(["white", LINKS[0]]), vmin=0, vmax=1)
-    axes.set_ylim(len(said), 0)
+    supported = _supported(result)
+    order = np.lexsort((*supported[:, :-1].T, -supported[:, :-1].sum(axis=1)))
+    axes.pcolormesh(supported[order], cmap=ListedColormap(["white", LINKS[0]]), vmin=0, vmax=1)
+    axes.set_ylim(len(supported), 0)
     axes.set_ylabel("reading, best first")
     _name_columns(axes)
 

@@ -119,12 +119,10 @@ def _entries(palette: Sequence[str], count: int, what: str = "") -> list[Line2D]
     return [line(names[j], own[j]) for j in shown]
 
 
-def _draw_rows(
-    axes: Axes, result: Result, name: str, column: int, palette: Sequence[str], width: float = 1.2
-) -> None:
+def _draw_rows(axes: Axes, result: Result, name: str, column: int, palette: Sequence[str]) -> None:
     time, rows = result["time"].values, result[name].values[column]
     for row, colour in zip(rows, shades(palette, len(rows)), strict=True):
-        axes.plot(time, row, color=colour, linewidth=width)
+        axes.plot(time, row, color=colour, linewidth=1.2)
 
 
 def _draw_strips(axes: Axes, result: Result, column: int) -> None:
@@ -255,20 +253,20 @@ def signals(result: Result) -> Figure:
     heights = [1.1] * len(names) + ([0.3 + 0.12 * len(contacts)] if band else [])
     drawn = sheet(7.1, 0.8 + sum(heights), 0.9 + 0.85 * sum(heights))
     rows = drawn.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    told: list[Artist] = []
+    entries: list[Artist] = []
     for axes, name in zip(rows, names, strict=False):
-        told += _draw_signal(axes, result, name)
+        entries += _draw_signal(axes, result, name)
         if "rest_start" in result and not band:
             for _, start, end in _rests(result, 0):
                 axes.axvspan(start, end, color=GLIDE, linewidth=0)
     if band:
         _draw_band_of_rests(rows[-1], result, contacts)
     elif "rest_start" in result:
-        told.append(Patch(color=GLIDE, label="at rest"))
+        entries.append(Patch(color=GLIDE, label="at rest"))
     if "phase_times" in result.scalars:
-        told += _draw_phases(rows, result)
-    if told:
-        legend_below(drawn, list({str(entry.get_label()): entry for entry in told}.values()))
+        entries += _draw_phases(rows, result)
+    if entries:
+        legend_below(drawn, list({str(entry.get_label()): entry for entry in entries}.values()))
     rows[-1].set_xlabel(label("time $t$", result["time"].unit))
     tell(drawn, *(fact(result, name) for name in ("distance", "mean_speed")),
          fact(result, "n_events", "events"))  # fmt: skip
@@ -287,23 +285,23 @@ def _draw_phases(rows: Iterable[Axes], result: Result) -> list[Artist]:
 def _draw_signal(axes: Axes, result: Result, name: str) -> list[Line2D]:
     """Curves of a signal; returns the entries of its legend."""
     time, values = result["time"].values, np.atleast_2d(result[name].values)
-    entries = result[name].dims[0]
-    palette = MASSES if entries == "mass" else LINKS
+    kind = result[name].dims[0]
+    palette = MASSES if kind == "mass" else LINKS
     colours = ["black"] if len(values) == 1 else shades(palette, len(values))
-    told = _entries(palette, len(values), entries) if len(values) > 1 else []
+    entries = _entries(palette, len(values), kind) if len(values) > 1 else []
     for j, (row, colour) in enumerate(zip(values, colours, strict=True)):
         # Dashes distinguish curves that overlap.
         dashes = DASHES[j] if len(values) <= len(DASHES) else "-"
         axes.plot(time, row, color=colour, linewidth=1.2, linestyle=dashes)
-        if j < len(told):
-            told[j].set_linestyle(dashes)
+        if j < len(entries):
+            entries[j].set_linestyle(dashes)
     if name == "length" and "command" in result:
         for row, colour in zip(result["command"].values, colours, strict=True):
             axes.plot(time, row, color=colour, linewidth=0.9, linestyle=_REFERENCE)
-        told.append(line("commanded", GREY, _REFERENCE, 0.9))
+        entries.append(line("commanded", GREY, _REFERENCE, 0.9))
     axes.set_ylabel(label(name.replace("_", "\n", 1).replace("_", " "), result[name].unit))
     axes.margins(x=0)
-    return told
+    return entries
 
 
 def _draw_band_of_rests(axes: Axes, result: Result, contacts: Sequence[str]) -> None:

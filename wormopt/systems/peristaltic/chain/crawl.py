@@ -60,9 +60,9 @@ def crawl(
 class SecondRoute:
     """End by Moreau-Jean steps, compared with the end by events."""
 
-    step: float  # the longer one of two; the other is a quarter of it
-    coarse: float  # largest difference of a position by the longer one, over the longest path
-    fine: float  # the same by the shorter one: a quarter of it, at first order
+    step: float  # the longer step; the shorter one is a quarter of it
+    coarse: float  # largest difference of a position by the longer step, over the longest path
+    fine: float  # error by the shorter step: a quarter, at first order
 
 
 def second_route(

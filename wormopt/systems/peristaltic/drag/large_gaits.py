@@ -108,7 +108,7 @@ class DragAim:
 
     @property
     def scaled(self) -> DragAim:
-        """The same aim in units of length L, period and c0."""
+        """The aim in units of length L, period and c0."""
         L, small = self.length, self.period / self.length**2 / self.drag
         return replace(
             self,

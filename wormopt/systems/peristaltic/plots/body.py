@@ -117,7 +117,6 @@ def _coils(result: Result, t: float) -> np.ndarray:
 
 
 def _draw(axes: Axes, rings: np.ndarray, middle: float, scale: _Scale, on: np.ndarray) -> None:
-    """Draw one worm."""
     thick = _THICK * scale.usual
     for (front, rear), lit in zip(pairwise(rings), on, strict=True):
         length = front - rear

@@ -62,7 +62,7 @@ class Drag:
     contact: None = field(default=None, init=False)
 
     def holds(self, anchored: np.ndarray) -> np.ndarray:
-        """Always."""
+        """True: drag needs no anchored segment."""
         return np.ones(len(anchored), dtype=bool)
 
     def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
@@ -77,7 +77,7 @@ class Tube:
     contact: float
 
     def holds(self, anchored: np.ndarray) -> np.ndarray:
-        """Return whether some are anchored and none between them move: else some would slip."""
+        """Return whether anchors exist and none between them moves, since else some would slip."""
         begins = np.diff(anchored, axis=1, prepend=0) > 0
         return begins.sum(axis=1) == 1
 

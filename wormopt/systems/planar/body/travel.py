@@ -127,7 +127,7 @@ def gauss() -> Collocation:
 
 
 def divided(course: Travel, longest: float) -> Travel:
-    """Return the same poses on panels no longer than `longest`."""
+    """Divide panels longer than `longest`; poses do not change."""
     ends, xi = course.ends, course.twists.reshape(-1, _DEGREE, 3)
     parts = np.ceil(np.diff(ends) / longest).astype(int)
     cuts = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(ends), parts, strict=True)]

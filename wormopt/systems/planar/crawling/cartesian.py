@@ -111,7 +111,6 @@ def _summed(values: np.ndarray) -> np.ndarray:
 
 
 def _bracket(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the Lie bracket of twists (G, 3)."""
     x = b[:, 1] * -a[:, 2] + a[:, 1] * b[:, 2]
     y = b[:, 0] * a[:, 2] - a[:, 0] * b[:, 2]
     return np.stack([x, y, np.zeros_like(x)], axis=-1)

@@ -139,10 +139,10 @@ class Piece:
 def closed(course: Course, seen: list[Sample]) -> list[Sample]:
     """Add samples until two enclose every break to machine accuracy."""
     while gaps := [(a, b) for a, b in pairwise(seen) if _open(a, b)]:
-        asked = [a.tau + (b.tau - a.tau) * _PARTS for a, b in gaps]
-        sides = zip(asked, gaps, strict=True)
+        wanted = [a.tau + (b.tau - a.tau) * _PARTS for a, b in gaps]
+        sides = zip(wanted, gaps, strict=True)
         near = [a if t - a.tau < b.tau - t else b for own, (a, b) in sides for t in own]
-        looked = iter(course.sample(np.concatenate(asked), near))
+        looked = iter(course.sample(np.concatenate(wanted), near))
         for a, b in gaps:
             found = list(islice(looked, len(_PARTS)))
             seen += found if b.tau - a.tau > THIN else _thinned(found, a, b)

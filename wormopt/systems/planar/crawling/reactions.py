@@ -29,13 +29,13 @@ def reactions(body: LeastPower, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         ground = body.ground.of_bodies(some)
         if k == 1 or (k == 2 and rank == 3):
             across = rows[some].transpose(0, 2, 1)
-            told = np.linalg.pinv(across, rcond=RANK) @ body.load[some, :, None]
-            told = told.reshape(-1, k, 2)
+            pushes = np.linalg.pinv(across, rcond=RANK) @ body.load[some, :, None]
+            pushes = pushes.reshape(-1, k, 2)
             if k == 2:
                 way = np.linalg.svd(across)[2][:, -1].reshape(-1, 2, 2)
-                push[some], hold[some], slips[some] = split_pair(told, way, ground)
+                push[some], hold[some], slips[some] = split_pair(pushes, way, ground)
             else:
-                push[some], hold[some], slips[some] = told, ground.gauge(told)[:, 0], True
+                push[some], hold[some], slips[some] = pushes, ground.gauge(pushes)[:, 0], True
             continue
         span = Q[some][:, :rank]  # singular values fall
         load = (span @ body.load[some, :, None])[..., 0]
@@ -79,7 +79,7 @@ def _on_a_line(body: LeastPower) -> tuple[np.ndarray, ...]:
 
 
 def _across(body: LeastPower) -> tuple[np.ndarray, ...]:
-    """Return the same for two directions: one mass rests and the others turn about it, or none."""
+    """Return these for two directions: one mass rests and the others turn about it, or none."""
     G, m = body.b.shape[:2]
     z, value = pivots(body)
     i, every = value.argmin(axis=1), np.arange(G)

@@ -69,9 +69,9 @@ def _program(forward: np.ndarray, backward: np.ndarray, sideways: np.ndarray) ->
 def even_displacement(course: Course, count: int, known: Sequence[Phase] = ()) -> np.ndarray:
     """Return the displacement (3,) of a stroke by midpoints of even phases, ignoring breaks.
 
-    The velocity at each midpoint is found anew. The error falls as 1/count^2. Close to an instant
-    at which the motion is not unique the velocity cannot be found independently: there it follows
-    what is `known` of the stroke. If there are more than a few, the stroke is refused.
+    The velocity at each midpoint is computed again. The error decreases as 1/count^2. Close to an
+    instant at which the motion is not unique, the velocity cannot be found independently and is
+    that of the `known` crawl. A stroke with more than a few of these midpoints is refused.
     """
     ends = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), course.breaks]))
     step = np.diff(ends)

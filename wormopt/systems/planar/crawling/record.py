@@ -59,7 +59,7 @@ def motion_at(crawl: Crawl, tau: np.ndarray) -> Motion:
     """Return the motion at phases, near that of their stages."""
     within = np.clip(np.searchsorted(crawl.breaks, tau, side="right") - 1, 0, len(crawl.phases) - 1)
     near = [crawl.phases[k] for k in within]
-    return crawl.course.at(tau, near)  # type: ignore[arg-type]  # a stage has what is asked
+    return crawl.course.at(tau, near)  # type: ignore[arg-type]  # a stage has these attributes
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,8 @@ def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
     """
     breaks = np.union1d(crawl.breaks, crawl.course.breaks)
     after = np.searchsorted(tau, breaks).clip(1, len(tau) - 1)
-    told = np.minimum(np.abs(breaks - tau[after]), np.abs(breaks - tau[after - 1])) < _APART
-    ends = _halved(crawl, np.union1d(tau, breaks[~told]))
+    near_breaks = np.minimum(np.abs(breaks - tau[after]), np.abs(breaks - tau[after - 1])) < _APART
+    ends = _halved(crawl, np.union1d(tau, breaks[~near_breaks]))
     rule, step = Collocation(_DEGREE), np.diff(ends)
     nodes = ends[:-1, None] + step[:, None] * rule.tau
     twist = motion_at(crawl, nodes.ravel()).twist.reshape(*nodes.shape, 3) * step[:, None, None]

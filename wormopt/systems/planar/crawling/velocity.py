@@ -93,14 +93,14 @@ class Crawler:
         """Return motions of least power, and whether (G,) they are not unique."""
         bodies = self.bodies(s, ds)
         least = least_power(bodies.body)
-        return self._told(bodies, least), open_instants(bodies.body, least)
+        return self._motion(bodies, least), open_instants(bodies.body, least)
 
     def follow(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
-        """Return the same from guesses (G, m) of the resting masses and (G, 3) of the twist."""
+        """Return motions from guesses (G, m) of the resting masses and (G, 3) of the twist."""
         bodies = self.bodies(s, ds)
-        return self._told(bodies, near(bodies.body, bodies.scaled(twist), rest))
+        return self._motion(bodies, near(bodies.body, bodies.scaled(twist), rest))
 
-    def _told(self, bodies: Bodies, least: Held) -> Motion:
+    def _motion(self, bodies: Bodies, least: Held) -> Motion:
         """Return the motion in the units of the caller."""
         v = np.where(least.rest[..., None], 0.0, least.v)
         power = bodies.body.ground.power(v).sum(axis=1) * bodies.speed * self.force
@@ -137,10 +137,10 @@ def refuse_open(shape: Shape, s: np.ndarray, open_: np.ndarray) -> None:
     if open_.any():
         first = s[np.flatnonzero(open_)[0]]
         named = zip(shape.names, first, strict=True)
-        told = ", ".join(f"{name} {value:.4g}" for name, value in named)
+        at = ", ".join(f"{name} {value:.4g}" for name, value in named)
         raise SolveError(
             f"the motion is not unique at {open_.sum()} of {len(open_)} instants, the first at "
-            f"{told}: other velocities have as little power. Links of one length may turn in place "
+            f"{at}: other velocities have as little power. Links of one length may turn in place "
             "of each other, or masses of a straight chain that move forward may have the same "
             "resistance as those that move backward",
             "change the resistance of a mass, or the length of an end link, by 1 %, or let the "

@@ -136,7 +136,7 @@ class PlanarDesign:
 
     @property
     def turn_bound(self) -> float | None:
-        """Largest turn rate of two links one of which always rests."""
+        """Largest turn rate of two links if one always rests."""
         if self.aim.shape.names != ("length 1", "length 2", "angle 1"):
             return None
         return self.aim.limits.angle_rate / 2

@@ -83,14 +83,14 @@ class Polish:
         times = w[n : n + self.count * self.aim.timed]
         return corners, times * self.aim.duration_usual
 
-    def told(self, w: np.ndarray) -> tuple[Sides, np.ndarray, np.ndarray]:
-        """Return displacements, corners and times; cache the last."""
+    def motion(self, w: np.ndarray) -> tuple[Sides, np.ndarray, np.ndarray]:
+        """Return displacements, corners and times; the last result is cached."""
         memory = self._memory
         if memory.get("w") is None or not np.array_equal(memory["w"], w):
             corners, times = self.unpack(w)
             sides = self.steps.sides(self.splitting @ corners, self.aim.closed)
-            memory["w"], memory["told"] = w.copy(), (sides, corners, times)
-        return memory["told"]
+            memory["w"], memory["motion"] = w.copy(), (sides, corners, times)
+        return memory["motion"]
 
     @cached_property
     def _memory(self) -> dict[str, Any]:
@@ -113,7 +113,7 @@ class Polish:
         return value / self.aim.usual, by / self.aim.usual
 
     def _sought(self, w: np.ndarray) -> tuple[float, np.ndarray]:
-        sides, _, times = self.told(w)
+        sides, _, times = self.motion(w)
         closed, purpose = self.aim.closed, self.aim.purpose
         if purpose == "work":
             factor = self._work_factor
@@ -138,12 +138,12 @@ class Polish:
 
     def equal(self, w: np.ndarray) -> np.ndarray:
         """Return the equality residuals, over their usual sizes."""
-        sides, corners, _ = self.told(w)
+        sides, corners, _ = self.motion(w)
         return self.conditions(sides.total, corners)[0] / self.units
 
     def equal_by(self, w: np.ndarray) -> np.ndarray:
         """Return the derivatives of the equality residuals."""
-        sides, corners, _ = self.told(w)
+        sides, corners, _ = self.motion(w)
         _, by_total, by_first = self.conditions(sides.total, corners)
         by = np.einsum("ri,ikn->rkn", by_total, sides.gradient(self.aim.closed))
         by[:, 0] += by_first
@@ -200,7 +200,7 @@ class Polish:
             rows.append(np.array([(times.sum() - self.aim.shortest) / self.aim.duration_usual]))
         if limits.effort is not None:
             rows.append(
-                np.array([1 - self._work_factor * self.told(w)[0].work.sum() / limits.effort])
+                np.array([1 - self._work_factor * self.motion(w)[0].work.sum() / limits.effort])
             )
         if limits.half_width is not None:
             room = limits.half_width - limits.radius
@@ -217,7 +217,7 @@ class Polish:
             by[:, n : n + self.count] = 1.0
             rows.append(by)
         if limits.effort is not None:
-            by = self._chain(self.told(w)[0].work_gradient(self.aim.closed))
+            by = self._chain(self.motion(w)[0].work_gradient(self.aim.closed))
             rows.append(-self._work_factor * by[None] / limits.effort)
         if limits.half_width is not None:
             room = limits.half_width - limits.radius
@@ -228,7 +228,7 @@ class Polish:
         return np.vstack(rows)
 
     def _room(self, w: np.ndarray) -> Room:
-        sides, corners, _ = self.told(w)
+        sides, corners, _ = self.motion(w)
         return Room(self.aim, self.splitting @ corners, sides)
 
     @cached_property

@@ -157,8 +157,6 @@ def planar_chain(
 
 @dataclass(frozen=True)
 class _Units:
-    """Usual sizes of a chain."""
-
     length: float
     time: float
     mass: float
@@ -176,10 +174,10 @@ class _Units:
 class _Springs:
     """Springs and dashpots of links and joints: expressions, parameters and schedules."""
 
-    told: dict[str, tuple[ca.SX, Signal | Schedule]]
+    found: dict[str, tuple[ca.SX, Signal | Schedule]]
 
     def _both(self, link: str, joint: str) -> ca.SX:
-        return ca.vertcat(self.told[link][0], self.told[joint][0])
+        return ca.vertcat(self.found[link][0], self.found[joint][0])
 
     @property
     def stiffness(self) -> ca.SX:
@@ -199,12 +197,12 @@ class _Springs:
     @property
     def parameters(self) -> list[Signal]:
         """Constant parameters."""
-        return [s for _, s in self.told.values() if isinstance(s, Signal) and s.size]
+        return [s for _, s in self.found.values() if isinstance(s, Signal) and s.size]
 
     @property
     def schedules(self) -> list[Schedule]:
         """Parameters that vary in time."""
-        return [s for _, s in self.told.values() if isinstance(s, Schedule)]
+        return [s for _, s in self.found.values() if isinstance(s, Schedule)]
 
 
 class _Chain:
@@ -279,7 +277,6 @@ class _Chain:
         ]
 
     def _energies(self) -> list[Output]:
-        """Return outputs of energies and centre of mass."""
         kinetic = self.inertia.kinetic(self.v)
         stored = ca.dot(self._springs.stiffness, self._stretch**2) / 2
         return [
@@ -290,7 +287,6 @@ class _Chain:
         ]
 
     def _powers(self, grounded: ca.SX) -> list[Output]:
-        """Return outputs of the powers on the worm."""
         rate, turning = ca.vertsplit(self.geometry.rates, [0, self._links, 2 * self._links - 1])
         powers = {
             "power": ca.vertcat(self.u * rate, self.w * turning),

@@ -312,5 +312,4 @@ def _rotated(angles: ca.SX, vectors: ca.SX) -> ca.SX:
 
 
 def _cross(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Cross products of columns, (1, m)."""
     return a[0, :] * b[1, :] - a[1, :] * b[0, :]

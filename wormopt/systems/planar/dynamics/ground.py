@@ -97,17 +97,17 @@ def touch(laws: Sequence[Ground | None], velocities: ca.SX, force: float, speed:
 
     `force` and `speed` are usual sizes. Values of the laws become parameters.
     """
-    told = [*_told(laws)]
-    lifted, parameters = lift([law for *_, law in told])
+    named = [*_named(laws)]
+    lifted, parameters = lift([law for *_, law in named])
     forces, contacts = ca.SX.zeros(2, len(laws)), []
-    for (name, i, rows, _), law in zip(told, lifted, strict=True):
+    for (name, i, rows, _), law in zip(named, lifted, strict=True):
         symbol = ca.SX.sym(f"force_{len(contacts)}", len(rows))
         forces[rows, i] = symbol
         contacts.append(Contact(name, velocities[rows, i], symbol, law, force, speed))
     return Touching(contacts, forces, parameters)
 
 
-def _told(laws: Sequence[Ground | None]) -> Iterator[tuple[str, int, list[int], Any]]:
+def _named(laws: Sequence[Ground | None]) -> Iterator[tuple[str, int, list[int], Any]]:
     """Yield name, point, components and law of every contact."""
     for i, law in enumerate(laws):
         if not isinstance(law, Axes):

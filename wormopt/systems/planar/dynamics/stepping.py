@@ -27,11 +27,11 @@ _PER_WAY = 1e-9  # of the usual size: a displacement below counts as none
 class Stepped:
     """End by Moreau-Jean steps, compared with the end by events."""
 
-    step: float  # the longer one of two; the other is a quarter of it
-    # largest difference of a place over the longest displacement, by the longer step: root mean
-    # square over steps near it, for its own
+    step: float  # the longer step; the shorter one is a quarter of it
+    # error by the longer step, a root mean square over steps near it: largest difference of a
+    # place over the longest displacement
     coarse: float
-    fine: float  # by the shorter one: about a quarter of it, at first order
+    fine: float  # error by the shorter step: about a quarter, at first order
     rounding: float  # possible round-off of the short steps, over the same displacement
 
 

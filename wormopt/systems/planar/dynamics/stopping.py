@@ -99,7 +99,7 @@ def stop_of(
         return state[1] - math.log(_SMALL)
 
     def turned(_: float, state: np.ndarray) -> float:
-        """What the speed still changes by, because the direction does; less what is none."""
+        """Remaining change of the speed's logarithm by the turn, minus a negligible share."""
         _, _, turning, slope, steep = rates(float(state[0]))
         if turning == 0:
             return -_SMALL

@@ -38,7 +38,7 @@ def simulate_held(
     """
     n = len(places) - 1
     ends = np.union1d(stroke.breaks, [phase.until for phase in phases])
-    ends = ends[np.diff(ends, prepend=-np.inf) > 1e-12]  # apart but for rounding
+    ends = ends[np.diff(ends, prepend=-np.inf) > 1e-12]  # differ by more than rounding
     tau, course = [0.0], [np.asarray(places, dtype=float).ravel()]
     for a, b in pairwise(ends):
         held = next(phase.constraints for phase in phases if phase.until > (a + b) / 2)

@@ -212,7 +212,6 @@ def shape_words(shape: Shape, s: np.ndarray) -> str:
 
 def _words(constraints: Constraints) -> str:
     parts = (("pin", constraints.pins), ("skid", constraints.skids))
-    told = [
+    return " and ".join(
         f"{name}{'s' * (len(who) > 1)} {', '.join(map(str, who))}" for name, who in parts if who
-    ]
-    return " and ".join(told)
+    )

@@ -167,16 +167,12 @@ def _function(law: Slips) -> ca.Function:
     return ca.Function("slip", [v], [law.slip_force(v)])
 
 
-@dataclass(frozen=True)
-class SpikeMargins:
-    """Margins of spikes: against sliding backward, and against pulling while they hold."""
+def spike_margins(motion: KinematicMotion, found: Loads) -> tuple[float, float]:
+    """Return the least velocity of free spikes along their heading, by the phase, and least hold.
 
-    slip: float  # least velocity of a free spike along its heading, by the phase; inf if none
-    pull: float  # least forward force on a spike that holds; inf if none
-
-
-def spike_margins(motion: KinematicMotion, found: Loads) -> SpikeMargins:
-    """Return margins of spikes at the instants of loads; negative ones beyond round-off fail."""
+    The hold is the forward force on spikes that are pins. Spikes fail if a value is negative beyond
+    round-off; it is inf without such spikes.
+    """
     which = _which(motion.phases, found.tau)
     slip, pull = np.inf, np.inf
     for k in np.unique(which):
@@ -186,4 +182,4 @@ def spike_margins(motion: KinematicMotion, found: Loads) -> SpikeMargins:
                 pull = min(pull, float(found.force[mine, i, 0].min()))
             else:
                 slip = min(slip, float(found.velocity[mine, i, 0].min()))
-    return SpikeMargins(slip, pull)
+    return slip, pull

@@ -36,8 +36,8 @@ def course(result: Result, traced: str) -> Figure:
     (left, right), (low, high) = reach(result)
     share = (high - low) / (right - left)
     height = float(np.clip(6.0 * share + 1.3, 2.4, 7.0))
-    entries = len(result["x"].values) + 4  # legend entries, in two columns if it is narrow
-    drawn = sheet(7.1, height, float(np.clip(3.0 * share + 0.8 + 0.08 * entries, 2.0, 7.0)))
+    count = len(result["x"].values) + 4  # legend entries, in two columns if it is narrow
+    drawn = sheet(7.1, height, float(np.clip(3.0 * share + 0.8 + 0.08 * count, 2.0, 7.0)))
     axes = drawn.subplots()
     stage(axes, result)
     time = result["time"].values
@@ -49,9 +49,9 @@ def course(result: Result, traced: str) -> Figure:
     held = line("mass held by the ground", GREY, "none", marker="o")
     free = line("mass moves", GREY, "none", marker="o")
     free.set_markerfacecolor("white")
-    told = [*handles("mass", masses), held, free, line(traced, "black", width=0.9)]
+    entries = [*handles("mass", masses), held, free, line(traced, "black", width=0.9)]
     solid = Patch(facecolor=SOLID, edgecolor=GREY, label="obstacle")
-    legend_below(drawn, [*told, solid] if result.attributes.get("obstacles") else told)
+    legend_below(drawn, [*entries, solid] if result.attributes.get("obstacles") else entries)
     return drawn
 
 

@@ -52,7 +52,6 @@ def crawl(result: Result) -> Figure:
 
 
 def _mark_rests(axes: Axes, result: Result) -> None:
-    """Fill the markers of resting masses."""
     time, resting = result["time"].values, result["resting"].values > 0
     x, y = result["x"].values, result["y"].values
     for i, colour in enumerate(shades(MASSES, len(x))):

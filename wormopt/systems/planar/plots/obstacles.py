@@ -50,7 +50,6 @@ def thick(axes: Axes, x: np.ndarray, y: np.ndarray, radius: float, **style: Any)
 
 
 def _capsule(x: np.ndarray, y: np.ndarray, radius: float) -> np.ndarray:
-    """Return the outline (m, 2) of a capsule."""
     angle = np.arctan2(y[1] - y[0], x[1] - x[0])
     half = np.linspace(-np.pi / 2, np.pi / 2, 13)
     front = angle + half

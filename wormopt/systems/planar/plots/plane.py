@@ -56,11 +56,11 @@ def forces(result: Result) -> Figure:
         panels[0].plot(time, row, color=colour, linewidth=1)
     panels[0].set_ylabel(_lines("force of\nthe ground", result["ground_x"].unit))
     legend(panels[0], handles("mass", len(size)))
-    told = {
+    labels = {
         "input": ("force $u_j$\nin links", "link"),
         "torque": ("torque $w_j$\nin joints", "joint"),
     }
-    for axes, (name, (words, what)) in zip(panels[1:-1], told.items(), strict=False):
+    for axes, (name, (words, what)) in zip(panels[1:-1], labels.items(), strict=False):
         rows = result[name].values
         drawing = styles(LINKS, len(rows))
         for row, (colour, dashes) in zip(rows, drawing, strict=True):

@@ -74,7 +74,7 @@ def spectral_stroke(
 
 
 def _climbed(swimmer: Swimmer, first: Harmonics, drag: float, orders: int) -> SpectralStroke:
-    """Return the best stroke of `orders` harmonics, by steps from one of fewer."""
+    """Return the best stroke of `orders` harmonics, starting from one with fewer."""
     n, known = first.n_s, len(first.cosine)
     phases = np.arange(_PER_ORDER * orders) / (_PER_ORDER * orders)
     rows = np.arange(1, orders + 1)
@@ -86,16 +86,16 @@ def _climbed(swimmer: Swimmer, first: Harmonics, drag: float, orders: int) -> Sp
     start[0] = first.mean
     start[1 : known + 1] = first.cosine * rows[:known, None]
     start[orders + 1 : orders + known + 1] = first.sine * rows[:known, None]
-    told = _told(swimmer, base, slope, drag)
+    objective = _objective(swimmer, base, slope, drag)
 
     def cost(c: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient, _, _ = told(c)
+        value, gradient, _, _ = objective(c)
         return -float(value), -np.asarray(gradient).ravel()
 
     turn = {
         "type": "eq",
-        "fun": lambda c: np.asarray(told(c)[2]).ravel(),
-        "jac": lambda c: np.asarray(told(c)[3]),
+        "fun": lambda c: np.asarray(objective(c)[2]).ravel(),
+        "jac": lambda c: np.asarray(objective(c)[3]),
     }
     found = minimize(
         cost, start.ravel(order="F"), jac=True, method="SLSQP", constraints=[turn],
@@ -105,12 +105,12 @@ def _climbed(swimmer: Swimmer, first: Harmonics, drag: float, orders: int) -> Sp
         raise SolveError(f"the search over harmonics ended: {found.message}", "write other starts")
     c = found.x.reshape(2 * orders + 1, n, order="F")
     stroke = Harmonics(c[0], c[1 : orders + 1] / rows[:, None], c[orders + 1 :] / rows[:, None])
-    value, _, turned, _ = told(found.x)
+    value, _, turned, _ = objective(found.x)
     efficiency, steps = float(np.exp(float(value))), int(found.nit)
     return SpectralStroke(stroke, efficiency, float(turned), steps, np.inf)
 
 
-def _told(swimmer: Swimmer, base: np.ndarray, slope: np.ndarray, drag: float) -> ca.Function:
+def _objective(swimmer: Swimmer, base: np.ndarray, slope: np.ndarray, drag: float) -> ca.Function:
     """Return the logarithm of efficiency, and the turn, with gradients by the coefficients."""
     count, n = len(base), swimmer.shape.s.numel()
     c = ca.MX.sym("c", base.shape[1] * n)
@@ -128,7 +128,7 @@ def _told(swimmer: Swimmer, base: np.ndarray, slope: np.ndarray, drag: float) ->
     way_y = ca.sum2(sin * xi[0, :] + cos * xi[1, :]) / count
     work = ca.sum2(powers) / count
     value = ca.log(drag * (way_x**2 + way_y**2)) - ca.log(work)
-    return ca.Function("told", [c], [value, ca.gradient(value, c), turn, ca.jacobian(turn, c)])
+    return ca.Function("objective", [c], [value, ca.gradient(value, c), turn, ca.jacobian(turn, c)])
 
 
 def _primitive(count: int) -> np.ndarray:

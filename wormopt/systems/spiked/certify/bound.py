@@ -21,7 +21,7 @@ from wormopt.systems.spiked.search.orders import ceiling_of
 
 Ending = Literal["gap reached", "time limit", "finest program", "interrupted"]
 
-# Programs in turn, each a few times as large as the one before.
+# Levels of the programs, each a few times as large as the previous one.
 _LEVELS = tuple(
     Level(*numbers)
     for numbers in (
@@ -29,16 +29,15 @@ _LEVELS = tuple(
         (3, 6, 3), (4, 6, 3), (4, 8, 3), (6, 8, 3), (6, 12, 3), (8, 16, 3), (12, 24, 3),
     )
 )  # fmt: skip
-# Estimated coefficients of programs: those that take a tenth of a second, those that are always
-# solved, and the most that are kept.
+# Estimated coefficients of programs: solved in a tenth of a second; always solved; too many.
 _AT_ONCE, _SMALL, _LARGE = 1.5e5, 3e5, 1e8
 _AT_ONCE_TIME = 0.1
-# Share of the time that shorter strokes may take.
+# Share of the time for shorter strokes.
 _OF_STROKES_TIME = 0.25
-# The time of a program grows as this power of its size.
+# Exponent of a program's time over its size.
 _GROWTH = 1.3
 _LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
-# Of the gap, wanted or left: how near to the highest provable cost it is sought.
+# Precision of the highest provable cost, as a share of the wanted or remaining gap.
 _NEAR = 0.1
 
 
@@ -48,10 +47,10 @@ class Bounded:
 
     bound: float  # no gait is faster, or cheaper
     certificate: Certificate | None  # None: from rates and resting masses alone
-    source: str  # method of the proof
+    source: str  # None: from rates and resting masses alone
     history: tuple[tuple[float, float], ...]  # (seconds, bound) at each improvement
     ending: Ending = "finest program"
-    outer: Outer | None = field(default=None, repr=False)  # that larger programs go on from
+    outer: Outer | None = field(default=None, repr=False)  # larger programs continue from here
 
 
 def at_once(task: GaitProblem) -> Bounded | None:
@@ -73,7 +72,7 @@ def bounded(
 ) -> Bounded:
     """Bound every gait of a task, until no gait can be better than `value` by the wanted gap.
 
-    `known` is what is known `at_once`, if it is.
+    `known` is the result of `at_once`, if available.
     """
     begun, found, history = time.perf_counter(), None, list(known.history if known else ())
     until, cost = begun + wanted.time_limit, task.objective.minimise
@@ -101,7 +100,7 @@ def bounded(
 
 
 def _small(task: GaitProblem, until: float = math.inf) -> Iterator[Bounded]:
-    """Bounds of the speed, ever sharper: by rates, mean rates, small linear programs."""
+    """Improving bounds on the speed: by rates, by mean rates, by small linear programs."""
     best = Bounded(ceiling_of(task), None, "by rates and resting masses", ())
     yield best
     if task.limits.acceleration is None:
@@ -120,7 +119,7 @@ def _small(task: GaitProblem, until: float = math.inf) -> Iterator[Bounded]:
 
 
 def _of_speed(task: GaitProblem, known: Bounded | None, until: float) -> Iterator[Bounded]:
-    """Bounds of the speed, ever sharper, from what is known."""
+    """Improving bounds on the speed, starting from `known`."""
     best = known
     for best in [known] if known else _small(task, until):
         yield best
@@ -158,7 +157,7 @@ def _by_program(outer: Outer, level: Level, until: float, best: Bounded) -> Boun
 def _levels(
     outer: Outer, until: float, least: float = 0.0, most: float = _LARGE
 ) -> Iterator[Level | None]:
-    """Levels of sizes above `least` that end in time, by how long the last took, else None."""
+    """Levels with sizes above `least` that can be solved in time, estimated from the last one."""
     if outer.mesh is None:
         return
     seconds, before = _AT_ONCE_TIME, _AT_ONCE
@@ -187,9 +186,9 @@ def _certified(statement: Statement, bound: float, proof: dict[str, Any], source
 def _of_cost(
     task: GaitProblem, cost: Cost, value: float, gap: float, until: float
 ) -> Iterator[Bounded]:
-    """Peaks below which the required speed is out of reach, ever higher.
+    """Increasing peaks below which no gait reaches the required speed.
 
-    Where no gait within a lowered limit has the required speed, every gait has a higher peak.
+    If no gait within a lowered limit has the required speed, every gait has a higher peak.
     """
     required = task.objective.speed
     assert required is not None
@@ -241,7 +240,7 @@ def gap_of(value: float, bound: float, cost: bool) -> float:
 
 
 def _fraction(gap: float, widest: float, wanted: float) -> float | None:
-    """Share of the way on which gaps are multiplied, from the first gap to the wanted one."""
+    """Progress from the first gap to the wanted one, on a logarithmic scale."""
     if not wanted < gap < math.inf or widest <= wanted:
         return None
     return math.log(widest / gap) / math.log(widest / wanted)

@@ -86,7 +86,7 @@ class Certificate:
         -------
         Certificate
         """
-        said = {
+        content = {
             "format": FORMAT,
             "version": VERSION,
             "claim": "no gait of the problem has a mean speed above the bound",
@@ -94,7 +94,7 @@ class Certificate:
             "problem": dict(problem),
             "proof": dict(proof),
         }
-        return cls(json.dumps(said, default=str, separators=(",", ":")) + "\n")
+        return cls(json.dumps(content, default=str, separators=(",", ":")) + "\n")
 
     @property
     def bound(self) -> Fraction:

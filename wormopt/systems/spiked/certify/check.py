@@ -1,7 +1,7 @@
-"""Verification of a certificate in exact arithmetic, from its file and nothing else.
+"""Verification of a certificate in exact arithmetic, from its file alone.
 
-This module shares no code with the making of certificates: every inequality is built anew from
-the problem. The theorem is on the page on certified gaits, whose letters are used here.
+This module shares no code with the modules that make certificates: it builds every inequality from
+the problem. The page on certified gaits states the theorem, with the same letters.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Push = list[tuple[list[Fraction], list[Fraction]]]
 
 
 def read(text: str) -> tuple[Data, Data, Fraction]:
-    """Read problem, proof and bound from a file's text; ValueError says what is wrong with it."""
+    """Read problem, proof and bound from the text of a file; raises ValueError."""
     file = json.loads(text, parse_float=Fraction)
     if not isinstance(file, dict) or file.get("format") != FORMAT:
         raise ValueError(f'"format" must be "{FORMAT}"')
@@ -39,7 +39,7 @@ def read(text: str) -> tuple[Data, Data, Fraction]:
 
 
 def _fractions(value: Any) -> Any:
-    """Make fractions of strings, through all lists and tables."""
+    """Convert strings to fractions, through all lists and tables."""
     if isinstance(value, dict):
         return {key: _fractions(each) for key, each in value.items()}
     if isinstance(value, list):
@@ -64,13 +64,14 @@ def check(
     strokes: Sequence[Fraction | None] = (),
     link: int | None = None,
 ) -> int:
-    """Check the proof h that no gait of the problem p exceeds the bound; count inequalities.
+    """Check the proof h that no gait of the problem p exceeds the bound; count its inequalities.
 
-    The bound is of the speed, or of the mean rate of a link. What is proven of strokes may be used.
+    The bound is on the speed, or on the mean rate of a link. `strokes`: proven bounds, None if
+    unknown.
     """
     known = list(strokes) or [None] * (len(p["masses"]) - 1)
     count = 0
-    for earlier in h.get("stroke_proofs", ()):  # a link goes its stroke twice in a period
+    for earlier in h.get("stroke_proofs", ()):  # a link covers its stroke twice in a period
         j, most = earlier["link"], earlier["bound"]
         count += check(p, earlier["proof"], most, known, j)
         known[j] = min(most * p["period"] / 2, known[j] or most * p["period"] / 2)
@@ -78,7 +79,7 @@ def check(
     need(min(*p["masses"], p["period"], *h["strokes"], *accelerations) > 0, "a size is not above 0")
     need(min(p["drag"], *p["load"]) >= 0, "a drag or load is below 0")
     ways = [_check_link(p, h, j, stroke) for j, stroke in enumerate(known)]
-    if "pieces" not in h:  # nothing is known of a link's acceleration but its limit
+    if "pieces" not in h:  # without pieces, a link's acceleration has no other limit
         for given in (*h["starts"], *h["brakes"]):
             for j, (taken, a) in enumerate(zip(given, p["acceleration"], strict=True)):
                 need(taken >= a, f"link {j}: {taken} is below its acceleration")
@@ -98,11 +99,11 @@ def check(
 
 
 def _check_link(p: Data, h: Data, j: int, known: Fraction | None) -> tuple[Fraction, Fraction]:
-    """Check rates and stroke of a link; give the stroke and the time of its way there and back."""
+    """Check rates and stroke of a link; return its stroke and the least time for both ways."""
     a, whole, stroke = p["acceleration"][j], p["length"][j][1] - p["length"][j][0], h["strokes"][j]
     for way in (0, 1):
         rate, taken = p["rates"] and p["rates"][way][j], h["rates"][way][j]
-        swing = taken**2 / a  # of a link that just gets so fast
+        swing = taken**2 / a  # shortest stroke of a link that reaches this rate
         slow = swing >= whole or _time(p, j, swing, [1 / a] * 2) >= p["period"]
         need(slow or (rate and taken >= rate), f"link {j} can be faster than {taken}")
     ways = zip(h["starts"], h["brakes"], strict=True)
@@ -113,7 +114,7 @@ def _check_link(p: Data, h: Data, j: int, known: Fraction | None) -> tuple[Fract
 
 
 def _time(p: Data, j: int, stroke: Fraction, inertia: Sequence[Fraction]) -> Fraction:
-    """Least time in which a link goes so far and back, or a bit less."""
+    """Least time in which a link covers a stroke both ways, rounded down."""
     time = Fraction(0)
     for way, e in enumerate(inertia):
         rate = p["rates"] and p["rates"][way][j]
@@ -123,12 +124,12 @@ def _time(p: Data, j: int, stroke: Fraction, inertia: Sequence[Fraction]) -> Fra
 
 
 def _root(x: Fraction) -> Fraction:
-    """Give a lower bound of a square root."""
+    """Lower bound of a square root."""
     return Fraction(isqrt(x.numerator * x.denominator * 10**40), x.denominator * 10**20)
 
 
 def _check_cover(p: Data, h: Data) -> None:
-    """Check that pieces cover all velocities once, and that on each it is known who rests."""
+    """Check that pieces cover all velocities once, each with known masses at rest."""
     size, points = len(p["masses"]), h["vertices"]
     own = defaultdict(list)
     for piece in h["pieces"]:
@@ -140,10 +141,10 @@ def _check_cover(p: Data, h: Data) -> None:
             need(-c <= min(rates) and max(rates) <= e, f"link {j} is too fast on piece {piece}")
             need(min(rates) * max(rates) >= 0, f"link {j} has both signs on piece {piece}")
     need(set(own) == set(combinations(range(size), p["resting"])), "other sets of masses rest")
-    beside = defaultdict(list)  # by facet: resting masses of the piece, its inverse, the vertex
+    beside = defaultdict(list)  # by facet: masses at rest, row of the inverse, opposite vertex
     for rest, pieces in own.items():
         moving = [i for i in range(size) if i not in rest]
-        at = [(*(v[i] for i in moving), 1) for v in points]  # a vertex on the pieces
+        at = [(*(v[i] for i in moving), 1) for v in points]  # vertices in coordinates of the pieces
         places = []
         for piece in pieces:
             need(len(piece) == len(moving) + 1, f"piece {piece} has not {len(moving) + 1} vertices")
@@ -157,7 +158,7 @@ def _check_cover(p: Data, h: Data) -> None:
     for facet, sides in beside.items():
         corners, rests = [points[i] for i in facet], [rest for rest, *_ in sides]
         still = [i for i in range(size) if not any(v[i] for v in corners)]
-        if len(still) > p["resting"]:  # others come to rest: their pieces must go on
+        if len(still) > p["resting"]:  # pieces with each subset of them meet here
             need(sorted(rests) == list(combinations(still, p["resting"])), f"a gap at {corners}")
         elif len(sides) == 2:
             need(_dot(sides[0][1], sides[1][2]) < 0, f"pieces overlap at {corners}")
@@ -169,7 +170,7 @@ def _check_cover(p: Data, h: Data) -> None:
 
 
 def _faces(p: Data, h: Data) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Pieces and, where loads matter, their faces on which more masses rest; with those."""
+    """Pieces with their resting masses and, where loads matter, faces on which more masses rest."""
     size, fewest = len(p["masses"]), p["resting"]
     loads_matter = p["spike_load"] is not None or p["actuator_force"] is not None
     found = set()
@@ -182,10 +183,11 @@ def _faces(p: Data, h: Data) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
 
 
 def _limits(p: Data, rest: Sequence[int], corners: Sequence[Sequence[Fraction]]) -> Iterator[Row]:
-    """Limits on a face: weights of the masses' accelerations and room at each corner.
+    """Limits on a face: weights of the masses' accelerations, and room at each corner.
 
-    No sum of both is below 0. The last says whether the row moves with the corners; those that do
-    have the same weights but for the sign. Others have their largest room everywhere.
+    The weighted sum plus the room is at least 0. The last value says whether the room differs
+    between the corners. Rows where it does have the same weights up to the sign; others have their
+    largest room at all corners.
     """
     size = len(p["masses"])
     for j, a in enumerate(p["acceleration"]):
@@ -211,9 +213,9 @@ def _limits(p: Data, rest: Sequence[int], corners: Sequence[Sequence[Fraction]])
 
 
 def _pushes(p: Data, h: Data, face: Sequence[int], rest: Sequence[int]) -> list[Push]:
-    """Accelerations that the admissible ones on a face lie between, at each of its corners.
+    """Accelerations whose convex hull contains the admissible ones on a face, at its corners.
 
-    As rates of the face's coordinates, and of each y over v.
+    They are given as rates of the face's coordinates, and of each y over v.
     """
     size = len(p["masses"])
     moving = [i for i in range(size) if i not in rest]
@@ -238,10 +240,10 @@ def _pushes(p: Data, h: Data, face: Sequence[int], rest: Sequence[int]) -> list[
 
 
 def _vertices(rows: list[Row]) -> set[tuple[tuple[Fraction, ...], ...]]:
-    """Points whose hull holds the polytope of the rows, between corners linear as they are.
+    """Points, linear between the corners, whose convex hull contains the polytope of the rows.
 
-    They are the vertices with the largest rooms. One on a moving row goes along its edge with it,
-    if the other rows let it do so everywhere.
+    They are the vertices for the largest rooms. A vertex on a row that varies moves along its edge
+    with this row, if the other rows allow it at all corners.
     """
     found = set()
     for chosen in combinations(rows, len(rows[0][0])):
@@ -273,7 +275,7 @@ def _check_face(
     w = {e: table[tuple(_dot(e, x) for x in zip(*points, strict=True))] for e in low}
     rates = [[v[j] - v[j + 1] for v in points] for j in range(links)]
     ends = [v[0] + v[-1] for v in points] if link is None else [2 * abs(v) for v in rates[link]]
-    whole = []  # of each push the factors at every corner, and the bound
+    whole = []  # for each push: the factors at every corner, and the bound
     for push in pushes:
         rows = []
         for turn, gains in push:
@@ -291,7 +293,7 @@ def _check_face(
         rise = []
         for s, sign in zip(step, (1 - 2 * b for b in corner), strict=True):
             rise.append({e: sign * (v[here + sign * s] - v[here]) for e, v in w.items()})
-        parts = {}  # of every coefficient what the factors belong to
+        parts = {}  # for each coefficient: the terms that the factors multiply
         for e, (below, slopes) in high.items():
             parts[e] = [sum(k * own[a] for a, k in slope.items()) for slope in slopes]
             for rate, up in zip(rates, rise, strict=True):
@@ -299,7 +301,7 @@ def _check_face(
             parts[e].append(sum(k * ends[q] for q, k, _ in below))
         for rows, most in whole:
             found = [{e: sum(map(mul, row, part)) for e, part in parts.items()} for row in rows]
-            if len(rows) > 1:  # between the corners: one degree more
+            if len(rows) > 1:  # linear between the corners: the degree rises by one
                 found = [_mixed(found)]
                 most *= degree + 2
             worst = max(found[0], key=found[0].__getitem__)
@@ -309,7 +311,7 @@ def _check_face(
 
 
 def _mixed(found: list[dict[tuple[int, ...], int]]) -> dict[tuple[int, ...], int]:
-    """Coefficients of Σ λ_r f_r, times their degree, of those of each f_r."""
+    """Coefficients of Σ λ_r f_r, times their degree, from those of each f_r."""
     degree = sum(next(iter(found[0]))) + 1
     return {
         e: sum(e[r] * f[_moved(e, r, -1)] for r, f in enumerate(found) if e[r])
@@ -324,7 +326,7 @@ def _exponents(degree: int, count: int) -> list[tuple[int, ...]]:
 
 @lru_cache
 def _templates(degree: int, count: int) -> dict[tuple[int, ...], Any]:
-    """Coefficients of degree + 1, times that: of W times a linear function, and of dW/dλ."""
+    """Coefficients of degree + 1, times this number, of W times a linear function and of dW/dλ."""
     found = {}
     for e in _exponents(degree + 1, count):
         below = [(q, e[q], _moved(e, q, -1)) for q in range(count) if e[q]]

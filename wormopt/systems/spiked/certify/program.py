@@ -1,8 +1,8 @@
-"""One linear program whose solution bounds the speed of every gait, of any phases and period.
+"""A linear program whose solution bounds the speed of every gait, with any phases and period.
 
-Let y_j be the length at which link j would stop, less its shortest. With W(y, V) continuous,
-multilinear in y on cells and of degree p in V on simplices, dW/dt + (V_0 + V_n)/2 <= B for every
-admissible motion makes B a bound of the mean speed. W in Bernstein form turns this into finitely
+Let y_j be the length at which link j would stop, minus its shortest length. W(y, V) is continuous,
+multilinear in y on cells, and of degree p in V on simplices. If dW/dt + (V_0 + V_n)/2 <= B for
+every admissible motion, B bounds the mean speed. With W in Bernstein form, this becomes finitely
 many rows, linear in the coefficients of W and in B.
 """
 
@@ -25,44 +25,45 @@ from wormopt.systems.spiked.certify.statement import Statement, rounded_up, up, 
 
 
 class Level(NamedTuple):
-    """How fine W is."""
+    """Resolution of W."""
 
-    parts: int  # of every edge of the simplices
-    cells: int  # of every link's stopping length
+    parts: int  # on every edge of the simplices
+    cells: int  # over every link's stopping length
     degree: int  # in the velocities
 
 
-# How mean rates are bounded, and by how much a stroke must become shorter to go on.
+# Level of the programs for mean rates; factor by which strokes must shrink to continue.
 OF_STROKES, _SHORTER = Level(1, 1, 3), 0.999
-# Corners of accelerations: how far outside counts as rounding, how small a determinant as 0, and
-# how near two are the same.
+# Corners of accelerations: tolerance of being inside, smallest determinant, and decimals in which
+# equal corners agree.
 _OUTSIDE, _FLAT, _SAME = 1e-9, 1e-9, 7
-# Programs of longer worms, or of more masses that move at a time, are too large.
+# Programs for longer worms, or with more moving masses, are too large.
 _MOST_LINKS, _MOST_DIMENSIONS = 6, 3
-# Coefficients of the program that are nothing but rounding.
+# Coefficients of the program below this are rounding.
 _NOTHING = 1e-12
-# W is a whole multiple of this.
+# Decimals of the unit in which values of W are whole numbers.
 _PART = 9
-# W and the bound are sought within these, in units in which rates and strokes are at most 1.
+# Bound on |W| and on the bound, in units in which rates and strokes are at most 1.
 _LARGEST = 100.0
-# Heights of corners are changed by this share of the largest, so that no two hulls fit.
+# Perturbation of the heights of corners, so that the lower hull is unique.
 _TILT, _FLAT_HULL = 1e-5, 1e-9
 
 
 class Corners(NamedTuple):
-    """Accelerations, linear in the velocities, between which the admissible ones of simplices lie.
+    """Accelerations whose convex hulls contain the admissible ones of simplices.
 
-    Given at the d + 1 vertices of their simplex; without drag they are the same at each.
+    They are linear in the velocities and given at the d + 1 vertices of their simplex; without drag
+    they are equal at all vertices.
     """
 
-    simplex: np.ndarray  # (k,) whose they are
-    masses: np.ndarray  # (k, d + 1, d) of the moving masses
+    simplex: np.ndarray  # (k,) index of the simplex
+    masses: np.ndarray  # (k, d + 1, d), moving masses only
     links: np.ndarray  # (k, d + 1, n)
 
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """Simplices on which the same masses rest."""
+    """Simplices with the same masses at rest."""
 
     resting: Resting
     simplices: np.ndarray  # (count, d + 1), numbers of vertices
@@ -70,22 +71,21 @@ class Face:
 
     @cached_property
     def moving(self) -> list[int]:
-        """Masses that do not rest."""
         return [i for i in range(self.velocities.shape[2]) if i not in self.resting]
 
     @cached_property
     def rates(self) -> np.ndarray:
-        """Link rates at the vertices (count, d + 1, n)."""
+        """Link rates at the vertices, (count, d + 1, n)."""
         return -np.diff(self.velocities, axis=2)
 
     @cached_property
     def signs(self) -> np.ndarray:
-        """Of each link's rate (count, n)."""
+        """Signs of the link rates, (count, n)."""
         return np.sign(self.rates.sum(axis=1))
 
 
 class Outer:
-    """The numbers that a proof takes of a statement, some of them wider, in units of size 1."""
+    """Numbers of a statement for a proof, some of them widened, in scaled units."""
 
     def __init__(self, statement: Statement) -> None:
         self.statement = statement
@@ -106,7 +106,7 @@ class Outer:
             starts, brakes = self._extremes(self.mesh)
             if min(starts.min(), brakes.min()) > 0:
                 self.starts, self.brakes = wider(starts), wider(brakes)
-            else:  # forces are so tight that no gait exists
+            else:  # no gait exists, because limits on forces are too tight
                 self.mesh = None
         self.slowing = self.brakes.astype(float) / self._acceleration
         self.strokes = statement.strokes(self.starts, self.brakes)
@@ -119,7 +119,7 @@ class Outer:
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether head and tail exchanged it is the same worm."""
+        """Whether the worm is symmetric under exchange of head and tail."""
         s = self.statement
         both = [s.masses, s.beyond, s.acceleration, s.spike_load, s.actuator_force, self.strokes]
         ways = [self.rates, self.starts.tolist(), self.brakes.tolist()]
@@ -129,16 +129,16 @@ class Outer:
 
     @property
     def is_single(self) -> bool:
-        """Whether there is one link without drag, so that its mean rate is the least bound.
+        """Whether there is one link without drag, so that its mean rate is the best possible bound.
 
-        Some motion within the same limits on rates and accelerations has this mean rate.
+        A motion within the limits on rates and accelerations has this mean rate.
         """
         return self.statement.links == 1 and not self.statement.drag
 
     def shorten(self, seconds: float) -> None:
-        """Shorten strokes: in a period a link goes its stroke twice, at its mean rate at most.
+        """Shorten strokes: in a period a link covers its stroke twice, at most at its mean rate.
 
-        Where one mass rests, others let a link go as fast as alone, and nothing is gained.
+        If only one mass must rest, a link can be as fast as it is alone, and nothing is gained.
         """
         s, mirrored, until = self.statement, self.is_mirrored, time.perf_counter() + seconds
         while self.mesh and s.resting > 1 and time.perf_counter() < until:
@@ -162,7 +162,7 @@ class Outer:
             self._earlier = [*self._earlier, *proofs]
 
     def faces(self, mesh: Mesh, parts: int) -> Iterator[Face]:
-        """Give all simplices on which masses rest together, where rows are needed."""
+        """Yield the simplices that need rows, by their resting masses."""
         fewest = self.statement.resting
         most = self.statement.links if self.statement.loads_matter else fewest
         unit = float(self.rate_unit) / parts / self.speed
@@ -170,7 +170,7 @@ class Outer:
             yield Face(resting, simplices, mesh.vertices[simplices] * unit)
 
     def corners(self, face: Face) -> Corners:
-        """Find accelerations between which those lie that the limits admit on each simplex."""
+        """Corners of the accelerations that the limits admit on each simplex."""
         s, count = self.statement, len(self.statement.masses)
         mass = _floats(s.masses) * self._acceleration / self._force
         drag = float(s.drag) * self.speed / self._force
@@ -205,7 +205,7 @@ class Outer:
         return Corners(*own, own[1] @ step[:, face.moving].T)
 
     def proof(self, mesh: Mesh | None = None, parts: int = 1, whole: bool = True) -> dict[str, Any]:
-        """What a proof says of a link's motion and, if there are any, the simplices.
+        """Data of a proof: motion of the links and, with `mesh`, the simplices.
 
         `whole`: with the proofs of strokes.
         """
@@ -226,7 +226,7 @@ class Outer:
         }
 
     def _extremes(self, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-        """Largest accelerations (2, n) of links that contract, extend: on the way, against it."""
+        """Largest accelerations (2, n) of contracting and extending links, along and against it."""
         found = np.zeros((2, 2, self.statement.links))
         for face in self.faces(mesh, 1):
             corners = self.corners(face)
@@ -243,13 +243,13 @@ def _floats(values: tuple[Fraction, ...]) -> np.ndarray:
 
 
 def _common(values: list[Fraction]) -> Fraction:
-    """Largest fraction of which all are whole multiples."""
+    """Largest fraction whose whole multiples they all are."""
     below = math.lcm(*(x.denominator for x in values))
     return Fraction(math.gcd(*(int(x * below) for x in values)), below)
 
 
 def _of_actuators(resting: Resting, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of the masses' forces in each actuator's, and its force at rest per load."""
+    """For each actuator: weights of the masses' forces, and its force at rest per load."""
     rest = len(resting)
     held = np.array([sum(i < j for i in resting) for j in range(1, count)])
     ahead = np.arange(count) < np.arange(1, count)[:, None]
@@ -259,11 +259,11 @@ def _of_actuators(resting: Resting, count: int) -> tuple[np.ndarray, np.ndarray]
 def _vertices(
     normals: np.ndarray, sides: np.ndarray, follow: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find points, linear in λ, whose hull holds the polytopes normals x + Σ λ_c sides_c >= 0.
+    """Points, linear in λ, whose convex hull contains the polytopes normals x + Σ λ_c sides_c >= 0.
 
-    `sides` (count, c, rows) are widened to their largest but for the rows that `follow`, of which
-    all have the same normal. A vertex on one of these moves along its edge as far as that goes.
-    Returns the numbers (k,) of the polytopes and the points (k, c, d).
+    `sides` (count, c, rows) are widened to their largest, except for rows in `follow`, whose
+    normals must be equal. A vertex on such a row moves along its edge while it stays admissible.
+    Returns the indices (k,) of the polytopes, and the points (k, c, d).
     """
     length = np.linalg.norm(normals, axis=1)
     normals, sides = normals / length[:, None], sides / length
@@ -319,7 +319,7 @@ class Program:
         return self._link is None and self._outer.is_mirrored and self.mesh.is_mirrored
 
     def _columns(self) -> np.ndarray:
-        """Number of the unknown (point, place in y); the same for what the mirror exchanges."""
+        """Index of the unknown (point, place in y); pairs that the mirror exchanges share one."""
         n = self._outer.statement.links
         number = np.arange(len(self.points) * self._cells**n)
         if self._mirrored:
@@ -331,9 +331,9 @@ class Program:
         return number.reshape(len(self.points), -1)
 
     def solve(self, seconds: float) -> tuple[float, dict[str, Any]]:
-        """Solve within a time; give the bound of the W found, however good it is, and its proof.
+        """Solve within a time; return the bound of the W found, optimal or not, and its proof.
 
-        The bound is right up to the rounding of sums.
+        The bound is exact up to the rounding of sums.
         """
         parts = [
             (*block, cost)
@@ -368,7 +368,7 @@ class Program:
     def _rows(
         self, face: Face, place: np.ndarray
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """Give rows, columns and values of the coefficients of dW/dt, and cost by row."""
+        """Rows, columns and values of the coefficients of dW/dt, and the cost of each row."""
         if self._mirrored:
             face, place = _half(face, place, self.mesh)
         if not len(place):
@@ -422,7 +422,7 @@ class Program:
 
 
 def _half(face: Face, place: np.ndarray, mesh: Mesh) -> tuple[Face, np.ndarray]:
-    """One of each pair of simplices that the mirror exchanges."""
+    """One of each pair of simplices that are mirror images."""
     image = tuple(sorted(mesh.vertices.shape[1] - 1 - i for i in face.resting))
     middle = mesh.vertices[face.simplices].sum(axis=1).tolist()
     kept = np.array([(face.resting, m) <= (image, m[::-1]) for m in middle], bool)
@@ -449,7 +449,7 @@ def _product(degree: int, count: int) -> np.ndarray:
 
 
 def _derivative(degree: int, count: int) -> np.ndarray:
-    """Coefficients (g, a, q) of degree + 1 of dW/dλ_q, W (a) of its degree, elevated twice."""
+    """Coefficients (g, a, q) of degree + 1 of dW/dλ_q from W (a) of its degree, elevated twice."""
     low = {tuple(e): k for k, e in enumerate(_exponents(degree, count).tolist())}
     below = _exponents(degree - 1, count)
     found = np.zeros((len(below), len(low), count))
@@ -461,7 +461,7 @@ def _derivative(degree: int, count: int) -> np.ndarray:
 
 
 def size_of(outer: Outer, level: Level) -> float:
-    """Estimate the coefficients of a program, which its time goes by."""
+    """Estimate the number of coefficients of a program, which determines its time."""
     assert outer.mesh is not None
     n = outer.statement.links
     dimension = n + 1 - outer.statement.resting
@@ -471,22 +471,23 @@ def size_of(outer: Outer, level: Level) -> float:
 
 
 # -- simplices of the masses' velocities -----------------------------------------------------------
-# A worm that crawls has velocities V ≥ 0, of which at least `resting` are 0, and link rates
-# V[j-1] - V[j] within limits. Planes V[i] = 0 and V[j-1] = V[j] cut this set into polytopes whose
-# corners are whole numbers where the rates are: the matrix is that of a network. Each polytope is
+# A crawling worm has velocities V ≥ 0, at least `resting` of them 0, and link rates V[j-1] - V[j]
+# within limits. The planes V[i] = 0 and V[j-1] = V[j] cut this set into polytopes. Their corners
+# are whole numbers if the rates are, because the matrix is that of a network. Each polytope is
 # divided into the simplices below the lower hull of Σ (V[i] - V[k])², and these are divided
-# edgewise. Both divisions of a common face agree. For alike rates they are the alcoves of A_n.
+# edgewise. Both divisions agree on common faces. With equal rates the simplices are the alcoves of
+# A_n.
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Simplices by the masses that rest on all of each, `vertices` (count, n + 1) as integers."""
+    """Simplices by the masses that rest on them, `vertices` (count, n + 1) as integers."""
 
     vertices: np.ndarray
     pieces: dict[Resting, np.ndarray]  # (count, dimension + 1), numbers of vertices
 
     def finer(self, parts: int) -> Mesh:
-        """Divide every edge into equal parts; the unit of velocity is divided by their number."""
+        """Divide every edge into equal parts, and the unit of velocity by their number."""
         if parts == 1:
             return self
         numbers: dict[tuple[int, ...], int] = {}
@@ -515,7 +516,7 @@ class Mesh:
 
     @cached_property
     def is_mirrored(self) -> bool:
-        """Whether head and tail exchanged it is the same."""
+        """Whether the mesh is symmetric under exchange of head and tail."""
         last = self.vertices.shape[1] - 1
         points = [tuple(vertex) for vertex in self.vertices.tolist()]
 
@@ -538,7 +539,7 @@ def mesh_of(rates: np.ndarray, resting: int) -> Mesh:
         for signs in product((1, -1), repeat=links):
             corners = _corners(rates, still, np.array(signs))
             for simplex in _simplices(corners, still, float(rates.max())):
-                # alcoves divide into alcoves in this order
+                # in this order, alcoves divide into alcoves
                 simplex = sorted(simplex, key=lambda v: (sum(v[0] - x for x in v), v))
                 own = [numbers.setdefault(vertex, len(numbers)) for vertex in simplex]
                 found.setdefault(still, []).append(own)
@@ -546,11 +547,11 @@ def mesh_of(rates: np.ndarray, resting: int) -> Mesh:
 
 
 def _corners(rates: np.ndarray, still: Resting, signs: np.ndarray) -> np.ndarray:
-    """Velocities at the corners of the polytope where these rest and rates have these signs."""
+    """Velocities at the corners of the polytope with these masses at rest and signs of rates."""
     links = len(signs)
     moving = [i for i in range(links + 1) if i not in still]
     rate = (signs[:, None] * -np.diff(np.eye(links + 1), axis=0))[:, moving]
-    if np.any((signs < 0) & ~rate.any(axis=1)):  # two neighbours rest: one sign is enough
+    if np.any((signs < 0) & ~rate.any(axis=1)):  # rate 0: one sign is enough
         return np.empty((0, links + 1))
     most = np.where(signs > 0, rates[1], rates[0])
     normals = np.vstack([np.eye(len(moving)), rate, -rate])
@@ -566,7 +567,7 @@ def _corners(rates: np.ndarray, still: Resting, signs: np.ndarray) -> np.ndarray
 
 
 def _simplices(corners: np.ndarray, still: Resting, size: float) -> list[list[tuple[int, ...]]]:
-    """Divide a polytope at the lower hull of heights that depend on its corners alone."""
+    """Divide a polytope by the lower hull of heights that depend only on its corners."""
     moving = [i for i in range(corners.shape[1]) if i not in still]
     count = len(moving) + 1
     if len(corners) < count:

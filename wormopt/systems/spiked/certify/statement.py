@@ -18,21 +18,21 @@ from wormopt.systems.spiked.gait_problem import GaitProblem
 _DIGITS = 6
 # A bound is rounded up by this share.
 _SPARE = 1e-9
-# Floating-point numbers this close to a simple fraction stand for it, relatively.
+# Floating-point numbers are replaced by simple fractions within this relative distance.
 _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
 class Statement:
-    """A worm and its limits in rationals; link by link, mass by mass, head first.
+    """A worm and its limits in rationals, by link and by mass, head first.
 
     Limits that are not given are None. `rates` are of contraction and extension.
     """
 
     masses: tuple[Fraction, ...]
     drag: Fraction
-    load: tuple[Fraction, ...]  # range of the mean of all masses
-    beyond: tuple[Fraction, ...]  # load of each mass beyond the mean
+    load: tuple[Fraction, ...]  # range of the mean over all masses
+    beyond: tuple[Fraction, ...]  # load of each mass minus the mean
     length: tuple[tuple[Fraction, ...], ...]
     rates: tuple[tuple[Fraction, ...], ...] | None
     acceleration: tuple[Fraction, ...]
@@ -45,7 +45,7 @@ class Statement:
 
     @classmethod
     def of(cls, task: GaitProblem) -> Statement:
-        """State a task whose accelerations are limited."""
+        """Make the statement of a task whose accelerations are limited."""
         worm, limits, n = task.worm, task.limits, task.worm.links
         assert limits.acceleration is not None
         rates = limits.rate_limits(n)
@@ -85,7 +85,7 @@ class Statement:
     def rates_taken(self) -> tuple[tuple[Fraction, ...], ...]:
         """Rates of contraction and extension that no motion exceeds, rounded up.
 
-        A link that swings within a stroke D is never faster than sqrt(a D).
+        A link that oscillates within a stroke D is never faster than sqrt(a D).
         """
         strokes = self.strokes(self.most, self.most)
         found = []
@@ -97,14 +97,14 @@ class Statement:
 
     @property
     def most(self) -> np.ndarray:
-        """Limits on accelerations as `strokes` takes them, (2, n)."""
+        """Limits on accelerations in the form of `strokes`, (2, n)."""
         return np.array([self.acceleration] * 2, dtype=object)
 
     def strokes(self, starts: np.ndarray, brakes: np.ndarray) -> tuple[Fraction, ...]:
-        """How far each link can change in a period: its range, or less, rounded up.
+        """Largest change of each link's length in a period: its range or less, rounded up.
 
-        To move by A at a rate of at most r, speeding up at α and slowing down at β, takes
-        A/r + r e with e = (1/α + 1/β)/2, or 2 sqrt(A e) where r is not reached.
+        A change A with a rate of at most r, acceleration α and deceleration β takes A/r + r e with
+        e = (1/α + 1/β)/2, or 2 sqrt(A e) if r is not reached.
         """
         found = []
         for j, whole in enumerate(self.ranges):
@@ -124,7 +124,8 @@ class Statement:
     ) -> float:
         """Bound on the speed: half the sum of the links' largest mean rates.
 
-        It is V_0 + V_n <= Σ |V_j-1 - V_j|, and no link goes its stroke there and back faster.
+        It holds because V_0 + V_n <= Σ |V_j-1 - V_j|, and no link covers its stroke twice in less
+        time.
         """
         total = 0.0
         for j, stroke in enumerate(strokes):
@@ -151,7 +152,8 @@ class Statement:
 def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
     """Convert numbers to decimal fractions of eleven digits.
 
-    What is derived from them in floating point is rounded up by less, so that 5 + 1e-15 must be 5.
+    Numbers that are derived from them in floating point are rounded up by less, so 5 + 1e-15 must
+    become 5.
     """
     return tuple(Fraction(f"{float(x):.11g}") for x in values)
 
@@ -168,13 +170,13 @@ def _unit(size: float | Fraction) -> Fraction:
 
 
 def up(value: float | Fraction, unit: Fraction) -> Fraction:
-    """Round up to a multiple; a float that is one but for rounding stays."""
+    """Round up to a multiple; a float that equals one up to rounding is kept."""
     rounding = Fraction(_ROUNDING) if isinstance(value, float) else 0
     return math.ceil(Fraction(value) / unit * (1 - rounding)) * unit
 
 
 def rounded_up(bound: float) -> Fraction:
-    """Round a bound up by more than sums in floating point are off."""
+    """Round a bound up by more than the rounding of floating-point sums."""
     if bound <= 0.0:
         return Fraction(0)
     unit = Fraction(10) ** (math.floor(math.log10(bound)) - 9)

@@ -1,9 +1,9 @@
-"""Choose one of the gaits that are equally good, the same one on every machine.
+"""Choose one of several equally good gaits, the same one on every machine.
 
-An optimum is often a face: a link may rest long or short, or a cycle may be exchanged for its
-mirror image, at the same speed. Rounding decides where on the face a linear program ends. The
-canonical gait begins with the smallest order of rest, and its links are as long as they can be on
-average over the period, with larger weights nearer to the head.
+Optimal gaits are often not unique: a link may rest long or short, or a cycle may be replaced by its
+mirror image, at the same speed. Rounding then decides at which of them a linear program ends. The
+canonical gait begins with the smallest order of rest. Its links are as long as possible on average
+over the period, with larger weights nearer to the head.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.search.orders import is_mirror_symmetric
 from wormopt.systems.spiked.search.trial import Trial, Trier
 
-# Arcs stay longer than this share of the cycle: limits are kept times their duration.
+# Smallest duration of an arc, as a share of the cycle: limits are multiplied by durations.
 _SHORTEST = 1e-3
-# Shares of the objective that may be given up, the first that leaves room for a vertex; what an
-# image may lose; and what counts as no difference between mean lengths.
+# Shares of the objective that may be lost, tried in turn; the loss of an image; differences of mean
+# lengths that count as none.
 _HELD, _SAME, _AS_LONG = (1e-15, 1e-12, 1e-11), 1e-12, 1e-9
-# How far limits may be off; share of the mean length that it may cost to meet them exactly.
+# Largest violation of limits; loss of mean length allowed to meet them exactly.
 _OFF, _LOST = 1e-12, 1e-6
-# Arcs are cut in so many parts in turn, which counts where the mean length gains more than a
-# share; last, arcs that only repeat are joined.
-_PARTS, _GAIN = (4, 2, 1), 1e-10
+# Arcs are cut in these numbers of parts in turn, if the mean length gains more than a share. Last,
+# arcs that only repeat are joined.
+_PARTS, _GAIN = (5, 3, 1), 1e-10
 _UNTIL, _AGAIN = Climb(tolerance=1e-12, steps=40), Climb(tolerance=1e-13, steps=15)
-# Links of gaits with more unknowns stay as they are: to lengthen them takes as long as the design.
+# Gaits with more unknowns keep their links: lengthening would take as long as the design.
 _MOST_UNKNOWNS = 250
 
 
 def chosen(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]:
-    """Choose the canonical one of the gaits that are as good as a trial.
+    """Choose the canonical gait among those that are as good as a trial.
 
-    Gives the trial in its canonical order of rest, as a vertex of its own program, and the gait
-    chosen, which is below it by a share of 1e-11 at most and meets limits as exactly. Both are the
-    trial itself where the optimum is no face: where the objective is smooth or the worm is dragged,
-    or where velocities of all masses are those of one. `turn`: whether the cycle may begin
-    elsewhere or be mirrored.
+    Returns the trial in its canonical order of rest, as a vertex of its own program, and the chosen
+    gait, whose value is lower by at most a share of 1e-11 and which meets limits as exactly. Both
+    are the trial itself where the optimum is unique: for smooth objectives, with drag, or where the
+    velocities of all masses are those of one. `turn`: whether the cycle may begin elsewhere or be
+    mirrored.
     """
     task = trier.task
     if task.objective.is_smooth or task.worm.drag or isinstance(trial.program, WaveProgram):
@@ -62,7 +62,7 @@ def chosen(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]:
 
 
 def _images(trial: Trial) -> Iterator[Trial]:
-    """The trial turned, and mirrored where that is as good, so that its order is canonical."""
+    """Rotations of a trial, and equally good mirror images, whose order is canonical."""
     program, task = trial.program, trial.program.task
     masses, count = task.worm.links + 1, len(trial.sequence)
     mirror = is_mirror_symmetric(task)
@@ -89,7 +89,7 @@ def _images(trial: Trial) -> Iterator[Trial]:
 
 
 def _turned(trial: Trial, image: GaitProgram, order: np.ndarray) -> Point | None:
-    """The same motion from another arc on; None where the programs have other columns."""
+    """The same motion from another arc on; None if the programs have different columns."""
     program = trial.program
     if len(image.bilinear.upper) != len(trial.point.x):
         return None
@@ -123,10 +123,10 @@ def _lengthened(trial: Trial) -> tuple[Trial, float]:
 
 @dataclass(eq=False)
 class _LongestLinks:
-    """The program of a gait with its objective held and mean lengths made large."""
+    """The program of a gait with its objective fixed, to maximise mean lengths."""
 
     program: GaitProgram
-    value: float  # least of the objective, scaled
+    value: float  # smallest objective, scaled
 
     def __post_init__(self) -> None:
         like = self.program
@@ -159,13 +159,13 @@ class _LongestLinks:
     def best(self, widths: np.ndarray) -> tuple[Point, float, float] | None:
         """Maximise the mean length from given durations of arcs.
 
-        Gives the point, its mean length, and by how much limits are off.
+        Returns the point, its mean length, and the violation of limits.
         """
         x = np.zeros(len(self.second.upper))
         x[self.own.h] = widths
         self.second.lower[self.own.h] = np.minimum(widths, _SHORTEST * widths.sum())
         start = self.second.restore(x)
-        if start is None:  # joined arcs are a little worse before they are moved
+        if start is None:  # with joined arcs the objective is slightly worse at first
             x[self.own.h] = self._moved(widths)
             start = self.second.restore(x)
         if start is None:

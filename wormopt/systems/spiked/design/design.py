@@ -1,8 +1,7 @@
 """A designed gait with measures of its quality, and its final refinement.
 
-Arcs of the best trials of a search are halved until that gains nothing; then their active limits
-are
-met exactly.
+The arcs of the best trials of a search are halved until that gains nothing. Then the active limits
+are met exactly.
 """
 
 from __future__ import annotations
@@ -32,21 +31,21 @@ from wormopt.systems.spiked.verify import in_steps, speed_of, violations
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
+# Halving of arcs ends below this relative gain, or above these numbers of unknowns and halvings.
 _RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000, 5
-# Most steps of a climb between two halvings.
+# Largest number of steps of a climb between two halvings.
 _STEPS = 15
-# Trials within this share of the best are sharpened too: one of them may end higher.
+# Trials within this share of the best are refined too, because one of them may end higher;
 _CLOSE, _TIE = 2e-3, 1e-8
-# or within this multiple of the gain of the best by sharpening.
+# so are those within this multiple of the best one's gain by refinement.
 _GAINS = 8.0
-# A climb between two halvings need be as close as this share of what the last one gained.
+# Tolerance of a climb between two halvings, as a share of the gain of the last halving.
 _OF_GAIN = 0.01
-# Excess over a limit, and how many times more trials are sharpened before one within it is found.
+# Accepted relative excess over a limit; number of further trials if the best ones exceed it.
 _ACCEPTED, _MOST_UNSOUND = 1e-9, 4
-# A period beyond its bounds by this share is at them.
+# A period within this share of a bound is at the bound.
 _UP = 1 + 1e-9
-# Distances from all limits that are tried where an exact end breaks one.
+# Distances from all limits, tried in turn if the exact solution violates one.
 _MARGINS = (4e-9, 4e-8, 4e-7, 4e-6)
 
 
@@ -108,10 +107,12 @@ class Design:
 
     def __repr__(self) -> str:
         rests = [list(masses) for masses in self.sequence]
-        return lines(f"Design: {self._told}", f"at rest {rests}, for {brief(list(self.durations))}")
+        return lines(
+            f"Design: {self._summary}", f"at rest {rests}, for {brief(list(self.durations))}"
+        )
 
     @property
-    def _told(self) -> str:
+    def _summary(self) -> str:
         worm, cost = self.task.worm, self.task.objective.minimise
         least = f", {cost} {self.value:.6g}" if cost else ""
         period = f"period {self.period:.6g}"
@@ -138,7 +139,7 @@ class Design:
             Part("Violation of each limit, relative to it", excess),
             Part("Upper bound on the speed of any gait", [(f"{self.bound:.6g}", "")]),
         ]
-        return html(f"Design: {self._told}", parts)
+        return html(f"Design: {self._summary}", parts)
 
     def plot(self, picture: str = "gait") -> Figure:
         """Draw the designed gait with its limits.
@@ -255,10 +256,7 @@ def _motion_under(load: float, task: GaitProblem, gait: Gait) -> Crawl:
 
 @lru_cache(maxsize=4)
 def _violations(task: GaitProblem, gait: Gait) -> dict[str, float]:
-    """Violation of each limit, the worst over both ends and the middle of the range of loads.
-
-    The same gait is checked when it is sharpened, when it is chosen and when it is reported.
-    """
+    """Violation of each limit, the worst over both ends and the middle of the range of loads."""
     low, high = task.worm.load_range
     found = [
         violations(_motion_under(load, task, gait), task.limits)
@@ -291,9 +289,9 @@ def of_trial(
     ended: str,
     gait: Trial | None = None,
 ) -> Design:
-    """Make a design of a trial as it is; the other parameters are those of `Design`.
+    """Make a design of a trial without refinement; see `Design` for the other parameters.
 
-    `gait` is one that is as good, taken in place of the trial's own.
+    `gait` is an equally good trial whose gait is used instead.
     """
     gait = gait or trial
     widths = gait.program.widths(gait.point)
@@ -359,13 +357,13 @@ def sharpest(
 
 
 def _recounted(trier: Trier, trial: Trial, error: float) -> tuple[Trial, float]:
-    """The trial, or a better one of another number of cycles; and its error.
+    """The trial with its error, or a better one with another number of cycles.
 
-    The number was chosen with few arcs, and the best period of a cycle changes with more.
+    The number was chosen with few arcs; with more arcs the best period of a cycle differs.
     """
     shortest, longest = trier.shortest / trial.cycles, trier.longest / trial.cycles
     period = float(trial.durations.sum())
-    ticks = trier.task.limits.tick is not None  # of which other numbers are not
+    ticks = trier.task.limits.tick is not None  # only this number of cycles has whole ticks
     if ticks or trial.cycles < 2 or shortest * _UP < period < longest / _UP:
         return trial, error
     free, before = trier.freed(trial), trial
@@ -374,17 +372,17 @@ def _recounted(trier: Trier, trial: Trial, error: float) -> tuple[Trial, float]:
             sharp, own, keeps = _sharpen(trier, other, quickly=False, best=trial.value)
             if keeps and sharp.value > trial.value:
                 trial, error = _in_fewer_phases(trier, sharp), own
-    # a climb may end before the best period
+    # a climb may stop before the best period
     return (trial, error) if trial is before else _recounted(trier, trial, error)
 
 
 def _hopeful(best: Trial, sharp: Trial) -> float:
-    """What is lower than this is unlikely to end above the best, by what sharpening gave that."""
+    """Value below which a trial is unlikely to end best, by the gain of the best in refinement."""
     return best.value - min(_CLOSE * abs(best.value), _GAINS * (sharp.value - best.value))
 
 
 def _chosen(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]:
-    """The trial in its canonical order, and the canonical gait among those as good."""
+    """The trial in its canonical order, and the canonical one of all equally good gaits."""
     turned, gait = chosen(trier, trial, turn=turn)
     if not _keeps(trier.task, turned):
         return trial, trial
@@ -392,10 +390,9 @@ def _chosen(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]:
 
 
 def _in_fewer_phases(trier: Trier, trial: Trial) -> Trial:
-    """The same with the phases and arcs that it needs, where those are fewer.
+    """Omit phases and arcs of almost no duration, join equal arcs, and omit repetitions of a cycle.
 
-    Phases and arcs of next to no length are left out, arcs alike joined, and of a cycle that
-    repeats itself one repetition is taken. Each may cost as much as is not resolved.
+    Each change may lower the value by the unresolved share.
     """
     tie = _RESOLVED_DRAGGED if trier.task.worm.drag else _TIE
     for simplified in (_without_short_phases, _one_repetition, _in_fewer_arcs):
@@ -430,10 +427,10 @@ def _one_repetition(trier: Trier, trial: Trial) -> Trial | None:
 
 
 def _keeps(task: GaitProblem, trial: Trial) -> bool:
-    """Whether the gait keeps all limits, with the split of all masses that rest in fact.
+    """Whether the gait meets all limits, with the load split among all masses that rest.
 
-    The program knows of those that are to rest; more may, and take their share. And it keeps
-    forces times durations, which on short arcs are small.
+    In the program only prescribed masses rest, and limits on forces are multiplied by durations, so
+    they are weak on short arcs.
     """
     excess = _violations(task, trial.gait)
     return max(excess.values()) < _ACCEPTED
@@ -442,10 +439,10 @@ def _keeps(task: GaitProblem, trial: Trial) -> bool:
 def _sharpen(
     trier: Trier, trial: Trial, quickly: bool, best: float = -np.inf
 ) -> tuple[Trial, float, bool]:
-    """Halve arcs until that gains nothing, then solve for what is active exactly.
+    """Halve arcs until that gains nothing, then solve the active limits exactly.
 
-    Less is done where the best will not be reached. With the error left, and whether all limits
-    are kept.
+    Trials that cannot reach `best` are refined less. Also returns the remaining error, and whether
+    all limits hold.
     """
     trial, error = _halved(trier, trial, 0 if quickly else _MOST_HALVINGS, best)
     if trial.value + 2 * error * abs(trial.value) < best:
@@ -455,11 +452,11 @@ def _sharpen(
     sharp = _exact(trial)
     if _keeps(trier.task, sharp):
         return sharp, error, True
-    # limits are kept times the duration of an arc: on one of next to none they need not be
+    # limits are multiplied by durations, so very short arcs may violate them
     program, point = trial.program.finer(trial.point, parts=1)
     if point is not None:
         joined = replace(trial, program=program, point=point)
-        for steps in (0, _STEPS):  # a climb may make short arcs anew
+        for steps in (0, _STEPS):  # a climb may make new short arcs
             joined = trier.climbed(joined, 1e-10, steps)
             if joined.value >= trial.value - _TIE * abs(trial.value):
                 trial, sharp = joined, _exact(joined)
@@ -475,7 +472,7 @@ def _sharpen(
 
 
 def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Trial, float]:
-    """Halve arcs while that gains something; with drag optimal velocities bend: degrees first."""
+    """Halve arcs while that gains something; with drag, raise the degree first."""
     error, dragged = np.inf, bool(trier.task.worm.drag)
     if dragged and trial.program.degree < BENT:
         degree = BENT if len(trial.point.x) < _MOST_UNKNOWNS // 2 else 2
@@ -496,7 +493,7 @@ def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Tri
 
 
 def _close(error: float) -> float:
-    """How close a climb need be where the last halving gained so much."""
+    """Tolerance of a climb after a halving with this gain."""
     return float(np.clip(_OF_GAIN * error, 1e-8, 1e-5))
 
 

@@ -23,17 +23,17 @@ from wormopt.systems.spiked.search.search import Survey, search
 from wormopt.systems.spiked.search.trial import Trial, Trier
 
 _SEARCH = Search()
-# Limits of a design are exceeded by at most this share of their size.
+# Accepted relative violation of a limit.
 _ACCEPTED = 1e-9
 # Periods with a smaller relative difference are equal.
 _SAME = 1e-12
-# How far gaits of whole ticks are climbed before they are compared, and the most steps of it.
+# Settings of the climbs by which gaits of whole ticks are compared.
 _HELD, _HELD_STEPS = 1e-9, 40
-# Slower gaits, as a share of the rates, stand still.
-_STANDS = 1e-9
-# Number of sequences that are tried; the limits in conflict are mostly the same in all.
+# Gaits slower than this share of the rates do not advance.
+_STANDSTILL = 1e-9
+# Number of sequences tried; most have the same limits in conflict.
 _MOST = 8
-# Shares by which a limit is relaxed: from the first to the second, found to the third.
+# Smallest and largest relative relaxation of a limit, and the precision of the result.
 _LEAST, _FULL, _NEAR = 1e-4, 1e3, 1.0005
 
 
@@ -130,7 +130,7 @@ def designed(
     stands = (
         task.objective.minimise is None
         and survey.trials
-        and (survey.trials[0].value < _STANDS * task.speed_nominal)
+        and (survey.trials[0].value < _STANDSTILL * task.speed_nominal)
     )
     if stands or not survey.trials:
         raise _nothing(task, settings, survey, report)
@@ -188,7 +188,7 @@ def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) ->
     ticks = round(found.period / (limits.tick or 1.0))
     return replace(
         found,
-        gait=found.gait.with_period(limits.whole_ticks(ticks)),  # phases sum to it but for rounding
+        gait=found.gait.with_period(limits.whole_ticks(ticks)),
         survey=free.survey,
         timings_s=free.timings_s | {"ticks": perf_counter() - begin},
         free=free,
@@ -196,7 +196,7 @@ def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) ->
 
 
 def _held(task: GaitProblem, start: Trial, period: float) -> Iterator[Trial]:
-    """Yield a trial with its cycle held at another length, if there is a gait of it."""
+    """Yield the trial with a cycle of another duration, if it has a gait."""
     trier = Trier(structs.replace(task, limits=structs.replace(task.limits, period=period)))
     held = trier.fitted(start, 1) or trier.near(start.sequence, start.durations, 1)
     if held is not None:
@@ -205,7 +205,7 @@ def _held(task: GaitProblem, start: Trial, period: float) -> Iterator[Trial]:
 
 
 def _nothing_slows(task: GaitProblem) -> SolveError:
-    """Error for a single moving mass: spikes push forward only, so it never comes to rest."""
+    """Error for a single moving mass: spikes cannot brake it, so it never stops."""
     return SolveError(
         "no gait advances: all masses but one rest at any time, and without worm.load nothing "
         "stops that mass, because spikes push forward only and drag decreases with the velocity",
@@ -227,7 +227,7 @@ def _nothing(task: GaitProblem, settings: Search, survey: Survey, report: Report
     return _conflict(task, orders, report, seconds)
 
 
-# -- why no gait meets some limits: each is relaxed only as far as it must be ----------------------
+# -- conflicting limits: each is relaxed only as far as necessary ----------------------------
 
 
 def _conflict(
@@ -240,7 +240,7 @@ def _conflict(
     until, orders = monotonic() + seconds, _typical(sequences)
 
     def least(keys: Sequence[str], given: Mapping[str, float]) -> float:
-        """By which share some limits have to give way besides others; infinite if none helps."""
+        """Smallest relaxation of `keys` besides `given` that allows a gait; infinite if none."""
         report(f"relaxing {' and '.join(keys)}", 0.8)
 
         def exists(share: float, order: Sequence_) -> bool:
@@ -255,7 +255,7 @@ def _conflict(
             helped, low, high = (still, low, share) if still else (helped, share, high)
         return high
 
-    keys = [key for key in _WAYS if _relaxed(task, {key: _FULL}) != task]
+    keys = [key for key in _RELAXATIONS if _relaxed(task, {key: _FULL}) != task]
     alone = {key: share for key in keys if np.isfinite(share := least([key], {}))}
     if alone:
         found, word = dict(sorted(alone.items(), key=lambda item: item[1])), " or "
@@ -267,9 +267,9 @@ def _conflict(
             'write limits that match the size of the motion, or try search.effort = "thorough" or '
             "another search.seed",
         )
-    told = word.join(_told(task, key, share) for key, share in found.items())
+    needed = word.join(_change(task, key, share) for key, share in found.items())
     return SolveError(
-        f"no gait meets these limits together; one needs {told}",
+        f"no gait meets these limits together; one needs {needed}",
         "relax that" if word == " and " or len(found) == 1 else "relax one of these",
     )
 
@@ -277,7 +277,7 @@ def _conflict(
 def _together(
     keys: list[str], least: Callable[[Sequence[str], Mapping[str, float]], float]
 ) -> dict[str, float]:
-    """Limits none of which can be left out, each relaxed no farther than those before it ask."""
+    """A minimal set of limits, each relaxed no farther than the others require."""
     for key in list(keys):
         if np.isfinite(least(fewer := [k for k in keys if k != key], {})):
             keys = fewer
@@ -288,38 +288,38 @@ def _together(
 
 
 def _exists(task: GaitProblem, order: Sequence_, until: float) -> bool:
-    trier = Trier(task, until=until, work=1.0)  # a step is enough to see
+    trier = Trier(task, until=until, work=1.0)  # one step is enough
     trial = trier.free(order)
     if trial is None or (trial := trier.fit(trial)) is None:
         return False
-    return task.objective.speed is not None or trial.value > _STANDS * task.speed_nominal
+    return task.objective.speed is not None or trial.value > _STANDSTILL * task.speed_nominal
 
 
 def _relaxed(task: GaitProblem, shares: Mapping[str, float]) -> GaitProblem:
-    """The task with limits relaxed by shares of their size; what is not given stays."""
+    """The task with limits relaxed by these shares; limits that are not given remain so."""
     for key, share in shares.items():
         part, _, name = key.partition(".")
         value = getattr(getattr(task, part), name)
         if value is not None:
-            changed = {name: _WAYS[key](value, 1.0 + share)}
+            changed = {name: _RELAXATIONS[key](value, 1.0 + share)}
             task = structs.replace(task, **{part: structs.replace(getattr(task, part), **changed)})
     return task
 
 
 def _deciding(task: GaitProblem, bound: float) -> list[str]:
-    """Limits that hold the ceiling where it is, `bound`; each by itself if any does."""
+    """Limits that determine the ceiling `bound`; all given ones if none does alone."""
     keys = ("limits.rate", "limits.acceleration", "limits.resting", "limits.length")
     given = [key for key in keys if _relaxed(task, {key: _FULL}) != task]
     raised = [k for k in given if ceiling_of(_relaxed(task, {k: _FULL})) > bound * _NEAR]
     return list(map(task.key_of, raised or given))
 
 
-def _told(task: GaitProblem, key: str, share: float) -> str:
+def _change(task: GaitProblem, key: str, share: float) -> str:
     part, _, name = key.partition(".")
     old, new = (getattr(getattr(t, part), name) for t in (task, _relaxed(task, {key: share})))
     if isinstance(old, int | float) and isinstance(new, int | float):
-        way = "larger" if new > old else "smaller"
-        return f"{task.key_of(key)} {way} by {enough(abs(new - old), 3):g}"
+        change = "larger" if new > old else "smaller"
+        return f"{task.key_of(key)} {change} by {enough(abs(new - old), 3):g}"
     return f"{task.key_of(key)} wider by {enough(100 * share, 3):g} %"
 
 
@@ -343,7 +343,7 @@ def _longer(value: Any, factor: float) -> Any:
     return low, high * factor
 
 
-_WAYS: dict[str, Callable[[Any, float], Any]] = {
+_RELAXATIONS: dict[str, Callable[[Any, float], Any]] = {
     "limits.spike_load": _raised,
     "limits.actuator_force": _raised,
     "limits.sigma_margin": lambda value, factor: value / factor,
@@ -357,7 +357,7 @@ _WAYS: dict[str, Callable[[Any, float], Any]] = {
 
 
 def _typical(sequences: Sequence[Sequence_]) -> list[Sequence_]:
-    """Short orders of few and of many resting masses: loads want many, rates and ways few."""
+    """Short orders of few and of many resting masses: loads need many, rates and lengths few."""
     by_size: dict[int, list[Sequence_]] = {}
     for sequence in sorted(sequences, key=len):
         by_size.setdefault(min(map(len, sequence)), []).append(sequence)

@@ -1,11 +1,11 @@
-"""Which limits bind a designed gait, and what moving each of them is worth.
+"""Sensitivity of a designed gait to its limits.
 
-The optimum is often a vertex that more limits meet than need to, where multipliers are not
-unique. So every limit is moved a little, the program with the moved limit is linearised at the
-optimum and solved: its multipliers are those of this direction, and the derivative by them is
-that of the best gait of the same order of rest. Where a limit seems to count differently to both
-sides, gaits of a family may be best alike of which each holds for one side only: then the moved
-program is solved again, and what gains more counts.
+The optimum is often a vertex where more limits are active than necessary, so multipliers are not
+unique. Every limit is therefore moved a little, and the program with the moved limit is linearised
+at the optimum. Its multipliers are those of this direction, and give the derivative of the best
+gait with the same order of rest. If derivatives to both sides differ, a family of gaits may be
+equally good, each of which is best to one side only. The moved program is then solved again, and
+the larger gain counts.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from wormopt.systems.spiked.limits import Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.trial import Trial
 
-# Limits are moved by this share; what they gain is evaluated by multipliers, without rounding.
+# Share by which limits are moved; multipliers give the gain without rounding.
 _SHARE = 1e-5
-# Derivatives to both sides count as one where they differ by no more than this share.
+# Derivatives to both sides that differ by less than this share are equal.
 _SAME = 0.01
-# An elasticity of this size is rounding.
+# Elasticities below this are rounding.
 _NOTHING = 1e-5
-# How far limits are moved to solve again, and when that is done.
+# Share by which limits are moved to solve again, and when that ends.
 _FAR, _AGAIN = 1e-4, Climb(tolerance=1e-10, steps=40)
-# Programs with more unknowns are not solved again: that takes seconds for each limit.
+# Programs with more unknowns are not solved again, which would take seconds for each limit.
 _MOST_AGAIN = 400
 
 
@@ -149,7 +149,7 @@ def sensitivities(design: Design) -> Sensitivities:
     >>> {s.name: round(s.derivative, 4) for s in found if abs(s.elasticity) > 1e-9}
     {'limits.period': 0.075, 'limits.rate': 0.35, 'limits.acceleration': 0.0012, ...
     """
-    if design.free is not None:  # of whole ticks the best objective moves in jumps
+    if design.free is not None:  # with whole ticks the best objective changes in jumps
         return sensitivities(design.free)
     trial = design.trial
     if trial is None:
@@ -158,7 +158,7 @@ def sensitivities(design: Design) -> Sensitivities:
             "sensitivities; design for speed, peak_spike_load or peak_actuator_force"
         )
     program, point = trial.program.finer(trial.point)
-    if point is not None:  # limits of single links may bend a motion where no arc ends yet
+    if point is not None:  # a single link's limit may bend the motion inside an arc
         trial = replace(trial, program=program, point=point)
     found = (_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
     return Sensitivities(found)
@@ -167,8 +167,8 @@ def sensitivities(design: Design) -> Sensitivities:
 def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:
     """Largest error of elasticities against a change of units of mass, length and time; near 0.
 
-    Elasticities of all limits, times their powers of a unit, sum to the objective's power;
-    not so where the limits count differently to both sides.
+    Elasticities of all limits, times their powers of a unit, sum to the objective's power. This
+    does not hold if derivatives to both sides differ.
     """
     sums = sum((s.elasticity * np.array(_POWERS[s.quantity]) for s in known), np.zeros(3))
     return float(np.abs(sums - _POWERS[objective.quantity]).max())
@@ -181,7 +181,7 @@ def _sensitivity(task: GaitProblem, trial: Trial, limit: Limit) -> Sensitivity:
     raised, lowered = (_gain(trial, limit, way * _SHARE * scale) for way in (1.0, -1.0))
     unsure = np.isnan(raised) or _apart(raised, lowered, value / scale)
     if unsure and len(trial.point.x) <= _MOST_AGAIN:
-        # Where a whole family of gaits is best, another one of it may gain more by the move.
+        # If a family of gaits is best, another of them may gain more.
         raised = np.fmax(raised, _gain_again(trial, limit, _FAR * scale))
         lowered = np.fmin(lowered, _gain_again(trial, limit, -_FAR * scale))
     better = raised if raised > 0 or np.isnan(lowered) else lowered if lowered < 0 else 0.0
@@ -199,12 +199,12 @@ def _sensitivity(task: GaitProblem, trial: Trial, limit: Limit) -> Sensitivity:
 
 
 def _apart(raised: float, lowered: float, size: float) -> bool:
-    """Whether derivatives to both sides differ, by more than rounding of one of usual size."""
+    """Whether derivatives to both sides differ by more than rounding."""
     return abs(raised - lowered) > max(_SAME * max(abs(raised), abs(lowered)), _NOTHING * size)
 
 
 def _gain(trial: Trial, limit: Limit, step: float) -> float:
-    """Derivative of what is made large to one side of a limit, at the gait as it is."""
+    """Derivative of the maximised value to one side of a limit, at the same gait."""
     if limit.value + step < 0.0:
         return np.nan
     moved = _moved(trial, limit.moved(limit.value + step))
@@ -212,7 +212,7 @@ def _gain(trial: Trial, limit: Limit, step: float) -> float:
 
 
 def _gain_again(trial: Trial, limit: Limit, step: float) -> float:
-    """The same by solving again from there."""
+    """The derivative of `_gain`, by solving again from the gait."""
     if limit.value + step < 0.0:
         return np.nan
     program, moved = trial.program, _moved(trial, limit.moved(limit.value + step))
@@ -230,9 +230,9 @@ def _moved(trial: Trial, task: GaitProblem) -> GaitProgram:
 
 
 def limits_of(task: GaitProblem) -> Iterator[Limit]:
-    """All numbers of a task that may be moved a little: limits, worm, required speed.
+    """All numbers of a task that may be moved: limits, worm, required speed.
 
-    One for each number as it is written; a drag or limit left out is none.
+    One for each number as written; a drag or limit that is not given is omitted.
     """
     task = structs.replace(task, worm=task.worm.on_level_ground)
     for part, key, quantity, ends in _KEYS:
@@ -251,13 +251,12 @@ def limits_of(task: GaitProblem) -> Iterator[Limit]:
 def _replaced(
     task: GaitProblem, part: str, key: str, rebuilt: Callable[[float], Any], number: float
 ) -> GaitProblem:
-    """The task with another number in one of its fields."""
     moved = structs.replace(getattr(task, part), **{key: rebuilt(number)})
     return structs.replace(task, **{part: moved})
 
 
 def _single(value: Any) -> Any:
-    """A range without width as the one number that it is."""
+    """A range without width as one number."""
     return value[0] if isinstance(value, tuple) and value[0] == value[-1] else value
 
 
@@ -265,9 +264,9 @@ _Number = tuple[str, float, Callable[[float], Any]]
 
 
 def _numbers(value: Any, ends: Sequence[str]) -> Iterator[_Number]:
-    """Every number of a number, (nested) tuple or Rates: suffix of its name, itself, how it moves.
+    """Numbers in a number, (nested) tuple or Rates: suffix of the name, value, and its change.
 
-    A pair of numbers is a range where its ends have names.
+    A pair of numbers is a range if its ends have names.
     """
     if isinstance(value, Rates):
         for way in ("contraction", "extension"):
@@ -291,7 +290,7 @@ def _in_tuple(value: Any, k: int, rebuilt: Callable[[float], Any], number: float
     return (*value[:k], rebuilt(number), *value[k + 1 :])
 
 
-# Part and field of a task, what it measures, and names of the ends where it is a range.
+# Part and field of a task, its quantity, and names of its ends if it is a range.
 _ENDS = ("shortest", "longest")
 _KEYS: tuple[tuple[str, str, str, Sequence[str]], ...] = (
     ("limits", "period", "time", _ENDS),

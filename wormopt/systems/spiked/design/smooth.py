@@ -1,8 +1,8 @@
-"""What few designs need, by IPOPT: gaits of least energy or effort.
+"""Gaits of least energy or effort, by IPOPT.
 
-Costs that are neither linear nor a peak have the collocated problem of optimal control solved with
-the cost itself: from the motion of a trial, or where velocities may jump from the fastest motion
-with its durations.
+These costs are neither linear nor a peak. The collocated optimal-control problem is solved with the
+cost itself, from the motion of a trial. If velocities may jump, it starts from the fastest motion
+with the trial's durations.
 """
 
 from __future__ import annotations
@@ -29,33 +29,33 @@ from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, is_energ
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
 
-# Refinement stops when halving every arc changes the cost by less than this, relatively.
+# Refinement ends when halving every arc changes the cost by less than this share.
 _RESOLVED = 1e-6
-# Arcs of a smaller share of the cycle are left out.
+# Arcs shorter than this share of the cycle are omitted.
 _SHORT = 1e-6
-# A solution is as feasible as its start if its scaled constraints are violated by no more, and is
-# accepted up to the second.
+# Scaled constraints: a solution below the first violation is as feasible as its start, below the
+# second it is accepted.
 _FEASIBLE, _ACCEPTED = 1e-10, 1e-8
 _ARCS = 6
 _POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
-# Halving the arcs ends where they become too many.
+# Largest number of arcs.
 _MOST_UNKNOWNS, _MOST_HALVINGS = 1000, 5
-# Number of best trials that are resolved, and from which smooth costs are minimised.
+# Numbers of best trials that are refined, and from which smooth costs are minimised.
 _POLISHED = 2
-# Resolving the energy ends where halving gains less than this share of the whole; limits count as
-# kept that are exceeded by less.
+# Refinement of the energy ends below this gain, as a share of the whole; accepted violation of
+# limits.
 _GAINED, _KEPT = 3e-7, 1e-9
 
 
 def smoothest(
     task: GaitProblem, settings: Search, survey: Survey, bound: float, report: Report
 ) -> Design:
-    """Resolve the best trials of a smooth cost, solve for it from the best; take the best gait.
+    """Refine the best trials, minimise the smooth cost from them, and take the best gait.
 
-    Parameters are those of `sharpest`. Costs of gaits are compared at last, in closed form.
+    Parameters are those of `sharpest`. Costs of the gaits are finally compared in closed form.
     Raises SolveError if no motion is found.
     """
-    known = has_cost_columns(task)  # else trials are merely fast
+    known = has_cost_columns(task)  # otherwise the trials maximise the speed
     trials, ended, error = list(survey.trials), survey.ended, np.nan
     solved, error_of_solved = None, np.nan
     try:
@@ -80,7 +80,7 @@ def smoothest(
 
 
 def _cost(found: Design) -> float:
-    """Smooth cost of a gait; infinite where it keeps its limits worse than solvers do."""
+    """Smooth cost of a gait; infinite if it violates limits by more than solvers do."""
     if max(found.violations.values()) > _KEPT:
         return np.inf
     return objective_of(found.motion, found.task.objective.minimise)
@@ -89,25 +89,25 @@ def _cost(found: Design) -> float:
 def _resolved(
     task: GaitProblem, settings: Search, trials: list[Trial], report: Report
 ) -> tuple[list[Trial], float]:
-    """Halve arcs of the best trials while that helps; best first, and its last relative gain.
+    """Halve arcs of the best trials while that helps; best first, with its last relative gain.
 
-    All of few unknowns first; then the best of them, which take longer.
+    All trials with few unknowns first, then the best of them, which take longer.
     """
     trier = Trier(task)
     report("resolving the best orders", 0.85)
     few = ((trial, np.inf) for trial in trials[: 4 * effort_of(settings).width])
     found = [_halved(trier, *one, _MOST_UNKNOWNS / 4) for one in few]
     found.sort(key=lambda one: -one[0].value)
-    # what is finer may exceed its limits by what the solver is off: coarse ones stay too
+    # finer trials may violate limits by the solver's error: keep coarse ones too
     found += [_halved(trier, *one, _MOST_UNKNOWNS) for one in found[:_POLISHED]]
     found.sort(key=lambda one: -one[0].value)
     return [trial for trial, _ in found], found[0][1]
 
 
 def _halved(trier: Trier, trial: Trial, gained: float, most: float) -> tuple[Trial, float]:
-    """Halve arcs until that gains little or the unknowns are more than `most`.
+    """Halve arcs until the gain is small or there are more than `most` unknowns.
 
-    Gives the last relative gain too, `gained` where there is none.
+    Also returns the last relative gain, `gained` if there is none.
     """
     for _ in range(_MOST_HALVINGS):
         if gained <= _GAINED or len(trial.point.x) > most:
@@ -120,9 +120,9 @@ def _halved(trier: Trier, trial: Trial, gained: float, most: float) -> tuple[Tri
 def _solved(
     task: GaitProblem, trials: list[Trial], error: float, ended: str
 ) -> tuple[Solved | None, float]:
-    """The best solution from some trials, refined where those are not resolved, and its error."""
+    """The best solution from some trials, refined if these are not resolved, and its error."""
     resolved = is_energy(task)
-    if resolved:  # of more arcs it gains nothing, after seconds
+    if resolved:  # with more arcs it takes seconds and gains nothing
         trials = [trial for trial in trials[:1] if len(trial.point.x) <= _MOST_UNKNOWNS]
     found = [s for trial in trials if (s := solve_cost(task, trial))]
     best = min(found, key=lambda s: s.objective, default=None)
@@ -152,7 +152,7 @@ def _of_solved(
 
 
 def _without_short_arcs(solved: Solved) -> Solved:
-    """The same solved without arcs of next to no length; as it is where that costs."""
+    """Omit arcs of almost no duration and solve again; unchanged if this raises the cost."""
     mesh, arcs = solved.program.mesh, solved.arcs
     long = arcs.duration > _SHORT * arcs.duration.sum()
     long |= np.bincount(mesh.phase[long], minlength=mesh.phases)[mesh.phase] == 0
@@ -171,11 +171,11 @@ def _without_short_arcs(solved: Solved) -> Solved:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """An order of rest solved for a cost on some mesh."""
+    """The solution for one order of rest on one mesh."""
 
-    trial: Trial  # the start: a gait of the same order and cycle count
+    trial: Trial  # initial gait, of the same order and number of cycles
     program: Transcription
-    bounds: Bounds  # of the program, for this order
+    bounds: Bounds  # bounds of the program for this order
     solution: Solution
 
     @property
@@ -185,7 +185,7 @@ class Solved:
 
     @property
     def arcs(self) -> Arcs:
-        """The motion."""
+        """The motion on the arcs."""
         return self.program.unpack(self.solution.w)
 
 
@@ -206,7 +206,6 @@ def _program(task: GaitProblem, mesh: Mesh) -> Transcription:
 
 
 def _bounds(program: Transcription, sequence: Sequence_) -> Bounds:
-    """Bounds of a program for one order of rest."""
     masses = len(program.problem.model.contacts)
     return program.bounds(ModeSequence.of_resting(sequence, masses))
 
@@ -225,7 +224,7 @@ def solve_cost(task: GaitProblem, trial: Trial) -> Solved | None:
             return None
         begin = program.pack(replace(fast, **program.nominal_extras()), bounds)
     start = program.nlp.start(begin, bounds)
-    if has_cost_columns(task):  # what the linear programs leave on very short arcs
+    if has_cost_columns(task):  # residues of the linear programs on very short arcs
         start = program.nlp.restore(start, bounds)
     found = _polished(program, start.w, bounds)
     better = found.violation <= _FEASIBLE and found.objective < start.objective
@@ -248,7 +247,7 @@ def _fast(task: GaitProblem, trial: Trial, mesh: Mesh) -> Arcs | None:
 
 
 def arcs_of(trial: Trial, program: Transcription) -> Arcs:
-    """Motion of a trial, velocities linear on its arcs, on a program's mesh of as many arcs.
+    """Motion of a trial on a program's mesh with as many arcs, with linear velocities.
 
     The program is that of `gait_problem`, with states of degree 2 and inputs of degree 0.
     """
@@ -291,7 +290,7 @@ def arcs_of(trial: Trial, program: Transcription) -> Arcs:
 def _loads(
     trial: Trial, v: np.ndarray, slopes: np.ndarray, tau: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Loads of the spikes and power that is spent, each (mass or link, place, arc)."""
+    """Loads of the spikes and power of the actuators, each (mass or link, place, arc)."""
     of, worm = trial.program, trial.program.task.worm
     mass, load = np.array(worm.masses), worm.load_range[1] + np.array(worm.beyond)
     forces = np.zeros((worm.links + 1, len(tau), len(v)))
@@ -308,10 +307,10 @@ def _loads(
 
 
 def refine_cost(solved: Solved) -> tuple[Solved, float]:
-    """Raise the degree until halving every arc gains less than 1e-6, or costs no longer fall.
+    """Raise the degree until halving every arc gains less than 1e-6, or costs no longer decrease.
 
-    Also returns the relative gain left, to first order, when every arc is halved; infinite
-    where the linear program that tells has no solution.
+    Also returns a first-order estimate of the relative gain by halving every arc; infinite if its
+    linear program has no solution.
     """
     error = _left_by_halving(solved)
     for degree in (3, 5):
@@ -328,9 +327,9 @@ def refine_cost(solved: Solved) -> tuple[Solved, float]:
 
 
 def _left_by_halving(solved: Solved) -> float:
-    """Relative gain that is left when every arc is halved: the best step of the linear program.
+    """Relative gain by halving every arc: the best step of the linear program.
 
-    An interior-point solver's own noise is larger than that.
+    The error of an interior-point solver would be larger than the gain.
     """
     counts = tuple(2 * n for n in solved.program.mesh.counts)
     mesh = replace(solved.program.mesh, arcs=counts)

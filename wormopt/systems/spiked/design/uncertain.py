@@ -26,9 +26,9 @@ from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.stretches import Drive, Stretch
 
 Burden = Literal["total", "actuators"]
-# Instants of a stretch that are looked at, by cosines; what lies between them is this much more.
+# Sampling points of a stretch (cosines); factor for values in between.
 _INSTANTS, _BETWEEN = 33, 1.01
-# Designs that are made until the range is as wide as its gait asks; each is so much wider.
+# Largest number of designs until the range is wide enough; each range is wider by this factor.
 _ROUNDS, _WIDER = 8, 1.05
 
 
@@ -166,7 +166,7 @@ def _slopes(drive: Drive, stretch: Stretch, burden: Burden) -> np.ndarray:
     masses = len(drive.mass)
     s = _instants(stretch)
     v, a = drive.kinematic(stretch.piece, stretch.leader, s)
-    each = np.zeros((masses + 2, masses, len(s)))  # what each mass asks of what holds it
+    each = np.zeros((masses + 2, masses, len(s)))  # force of each mass on what holds it
     each[np.arange(masses), np.arange(masses)] = a
     each[masses], each[masses + 1] = v, 1.0
     total = each.sum(axis=1, keepdims=True)
@@ -188,9 +188,9 @@ def _check(believed: Believed, limits: Limits, confidence: float) -> None:
     if not np.all(np.isfinite(believed.covariance)):
         names = [*(f"mass[{i}]" for i in range(len(believed.mass))), "drag", "load"]
         unknown = np.flatnonzero(~np.isfinite(np.diag(believed.covariance)))
-        told = ", ".join(names[k] for k in unknown)
+        listed = ", ".join(names[k] for k in unknown)
         raise SolveError(
-            f"{told} cannot be identified from the recordings",
+            f"{listed} cannot be identified from the recordings",
             "record a gait in which every mass rests and moves, or give known values",
         )
 

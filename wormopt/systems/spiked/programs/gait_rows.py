@@ -1,10 +1,10 @@
 """Columns and rows of the bilinear program of one order of rest, see `GaitProgram`.
 
-Energy and effort are sums of columns that are costs. What the actuators spend is their net work
-and what they absorb: nothing is recovered. The net work is that against load and drag, so what is
-absorbed is what tells gaits apart. On an arc where forces and rates are polynomials it is bounded
-by the positive parts of the Bernstein coefficients of their product, which is exact where neither
-changes its sign. The effort of an arc is the square of the step of a rate over the duration.
+Energy and effort are sums of cost columns. Actuators spend their net work plus the work they
+absorb, because nothing is recovered. The net work is that against load and drag, so gaits differ in
+the absorbed work. On an arc where forces and rates are polynomials, it is bounded by the positive
+parts of the Bernstein coefficients of their product, which is exact if neither changes sign. The
+effort of an arc is the squared change of a rate over the duration.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from wormopt.systems.spiked.gait_problem import GaitProblem
 from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits, scaled
 from wormopt.systems.spiked.programs.split import Pattern, lines_of, split_matters
 
-# A cost of an arc is less than this, in units of force times way or of rate squared over time.
+# Upper bound on the cost of an arc, in units of force times distance or of rate squared over time.
 _MOST_COST = 1e6
 # Accelerations, as shares of the limit, whose tangents bound the effort from below.
 _TANGENTS = (0.03, 0.07, 0.13, 0.22, 0.35, 0.5, 0.75, 1.0)
@@ -71,17 +71,17 @@ class GaitRows:
         self._add_ends()
 
     def __reduce__(self) -> tuple:
-        """Made anew where it is unpickled: less is sent, and nothing of the solver."""
+        """Pickle the arguments only: less is sent, and nothing of the solver."""
         given = (self.task, self.sequence, self.period, self.arcs, self.degree)
         return type(self), (*given, self.patterns, self._like)
 
     def forget(self) -> None:
-        """Let the solver go: what it starts from next is the same wherever it is."""
+        """Release the solver: the next solution then starts alike in every process."""
         vars(self).pop("bilinear", None)
 
     @property
     def _phases(self) -> int:
-        """Phases whose rows of links are stated; those of all others follow from them."""
+        """Phases whose rows of links are stated; the rows of all others follow from them."""
         return len(self.sequence)
 
     @property
@@ -135,7 +135,7 @@ class GaitRows:
     ) -> tuple[list[Term], list[Product]]:
         """Coefficient k of h times a form on some arcs: linear terms, and products for the drag.
 
-        Accelerations are of one degree less; where they meet a drag they are raised to its.
+        The degree of accelerations is lower by one; with drag it is raised to that of velocities.
         """
         v, h, degree = self.v[at], self.h[at], self.degree
         dragged = np.flatnonzero(form.beta * self.limits.drag)
@@ -160,7 +160,7 @@ class GaitRows:
         return range(self.degree + 1 if dragged else self.degree)
 
     def _add_form(self, form: Form, at: slice) -> None:
-        """-below <= form <= above at all times of a phase, times h."""
+        """Add -below <= form <= above at all times of a phase, times h."""
         for k in self._coefficients(form):
             linear, products = self._force(form, at, k)
             if not products and all(np.all(np.asarray(column) < 0) for column, _ in linear):
@@ -170,7 +170,7 @@ class GaitRows:
     def _keep(
         self, linear: list[Term], products: list[Product], h: np.ndarray, low: float, high: float
     ) -> None:
-        """Low <= terms <= high, times h."""
+        """Add low <= terms <= high, times h."""
         if low == high:
             self.rows.add([*linear, (h, -low)], products, 0.0, 0.0)
             return
@@ -180,7 +180,7 @@ class GaitRows:
             self.rows.add([*linear, (h, -high)], products, -np.inf, 0.0)
 
     def _add_splits(self, resting: Resting, at: slice) -> None:
-        """What each spike carries, with one pattern for all loads of a range."""
+        """Add the loads of the spikes, with one pattern for all loads of a range."""
         patterns = self.patterns or (None,) * self.total
         for pattern in sorted(set(patterns[at]), key=str):
             arcs = np.array([k for k in range(self.total)[at] if patterns[k] == pattern])
@@ -190,7 +190,7 @@ class GaitRows:
     def _add_split(
         self, resting: Resting, arcs: np.ndarray, pattern: Pattern | None, load: float
     ) -> None:
-        """What holds on some arcs under one load with this pattern, or any split (None)."""
+        """Add the conditions on some arcs under one load for a pattern, or for any split (None)."""
         limits, h, count = self.limits, self.h[arcs], self.limits.links + 1
         degree = self.degree if limits.drag else self.degree - 1
         shared = self.rows.columns(np.full((len(arcs), degree + 1, len(resting) - 1), np.inf))
@@ -224,7 +224,7 @@ class GaitRows:
                     self._keep(*terms(sums[b] - sums[first], k), h, low, high)
 
     def _add_peaks(self, resting: Resting, at: slice) -> None:
-        """Forces below the peak that is minimised, at all times and any load, times h."""
+        """Keep forces below the minimised peak, at all times and any load, times h."""
         if self._peak is None:
             return
         limits, count = self.limits, self.limits.links + 1
@@ -246,7 +246,7 @@ class GaitRows:
             self.rows.add([*linear, (self.h[at], at_rest)], products, -np.inf, 0.0)
 
     def _add_lengths(self) -> None:
-        """Lengths follow the rates, and stay in their ranges at all coefficients."""
+        """Let lengths follow the rates and stay in their ranges at all coefficients."""
         share, own = 1.0 / (self.degree + 1), self._stated
         for j, stroke in enumerate(self.limits.strokes):
             length, after = self.length[own, j], np.roll(self.length[:, j], -1)[own]
@@ -260,7 +260,7 @@ class GaitRows:
             self.rows.add([(after, 1.0), (length, -1.0)], back, 0.0, 0.0)
 
     def _add_ends(self) -> None:
-        """Period, advance of the head, speed that is required, jumps of velocities."""
+        """Add the period, advance of the head, required speed and jumps of velocities."""
         every = [(int(h), 1.0) for h in self.h]
         shortest, longest = self.limits.shortest_period, self.limits.longest_period
         self._period = int(self.rows.add(every, [], shortest, longest)[0])
@@ -284,11 +284,11 @@ class GaitRows:
 
     @property
     def period_row(self) -> int:
-        """Number of the row of the period."""
+        """Index of the row of the period."""
         return self._period
 
     def hold(self, value: float) -> None:
-        """Keep the objective, a speed or a peak with its sign changed, at no less than a value."""
+        """Keep the objective (a speed, or a peak with its sign changed) at or above a value."""
         if self._peak is not None:
             self.rows.upper[self._peak] = -value
             return
@@ -318,7 +318,7 @@ def has_cost_columns(task: GaitProblem) -> bool:
 
 
 def is_energy(task: GaitProblem) -> bool:
-    """Whether the cost of a task is what actuators absorb."""
+    """Whether the cost of a task is the energy absorbed by actuators."""
     return has_cost_columns(task) and task.objective.minimise == "energy_per_distance"
 
 
@@ -337,7 +337,7 @@ class CostColumns:
         if program.degree != 1:
             raise ValueError("costs need velocities that are linear on an arc")
         self.dragged = self.energy and program.limits.drag > 0
-        # the way that a mass would go at each coefficient of its velocity, a factor of drag's work
+        # the distance of a mass at each coefficient of its velocity, a factor of the work of drag
         self.ways = np.full(program.v.shape, -1)
         if self.dragged:
             upper = np.where(program.v >= 0, np.array(program.rows.upper)[program.v], 0.0)
@@ -408,7 +408,7 @@ class CostColumns:
         return column
 
     def add_gain(self) -> int:
-        """Add the row of the cost with its sign changed; give its number."""
+        """Add the row of the cost with its sign changed, and return its index."""
         total = [(int(c), -1.0) for c in np.concatenate(self.columns)]
         work: list[tuple] = []
         if self.dragged:

@@ -1,11 +1,11 @@
 """The best gait of one order of rest as a bilinear program: durations times velocities.
 
-A cycle is cut into phases, one per set of resting masses, and each phase into arcs of free
-duration h. On an arc all velocities are polynomials, given by their Bernstein coefficients, so
-that limits on the coefficients hold at every instant. Rates are linear in velocities,
-accelerations and forces times h are linear in velocities and h; only lengths, ways and drag know
-products of h and a velocity. With one degree a velocity is linear on an arc, which is exact
-without drag: there the optimum is at some limit at all times, with constant acceleration.
+A cycle consists of phases, one per set of resting masses, and a phase of arcs of free duration h.
+On an arc all velocities are polynomials in Bernstein form, so that limits on the coefficients hold
+at every instant. Rates are linear in velocities; accelerations and forces times h are linear in
+velocities and h. Only lengths, distances and drag contain products of h and a velocity. With degree
+1 a velocity is linear on an arc. This is exact without drag, because the optimum is then at a limit
+at all times, with constant acceleration.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ _TIE = 1e-7
 class GaitProgram(GaitRows):
     """Bilinear program of one cyclic order of rest; `period` (min, max) overrides the limits.
 
-    `patterns`: spikes unloaded or full, by arc (`split.py`), default any; `like` gives
-    units. Where velocities may jump, smooth costs are left out and the speed is sought.
+    `patterns`: unloaded and full spikes by arc (`split.py`), by default any; `like`: limits that
+    define the units. Where velocities may jump, smooth costs are omitted and the speed is
+    maximised.
     """
 
     # -- points ----------------------------------------------------------------------------------
@@ -53,9 +54,9 @@ class GaitProgram(GaitRows):
     def start(
         self, durations: Sequence[float] | np.ndarray, random: np.random.Generator | None = None
     ) -> Point | None:
-        """Best motion with given phase durations, in the task's units; None: infeasible.
+        """Best motion with given phase durations, in the task's units; None if infeasible.
 
-        `random` draws the durations of their arcs, equal by default.
+        `random` draws the durations of the arcs, equal by default.
         """
         shares = np.ones(self.total)
         if random is not None:
@@ -64,7 +65,7 @@ class GaitProgram(GaitRows):
         return self.start_arcs(shares * np.repeat(np.asarray(durations) / sums, self.arcs))
 
     def moved(self, task: GaitProblem, period: tuple[float, float]) -> GaitProgram:
-        """The same unknowns, rows and units with the numbers of another task of the same form.
+        """The program of another task of the same form, with the same unknowns, rows and units.
 
         `period` is the shortest and longest duration of its cycle.
         """
@@ -72,7 +73,7 @@ class GaitProgram(GaitRows):
         return type(self)(task, self.sequence, period, *same)
 
     def start_arcs(self, widths: np.ndarray) -> Point | None:
-        """Best motion with given durations of the arcs, in the task's units; None: infeasible."""
+        """Best motion with given durations of the arcs, in the task's units; None if infeasible."""
         x = np.zeros(len(self.bilinear.upper))
         x[self.h] = widths / self.limits.time
         return self.bilinear.restore(x)
@@ -80,10 +81,10 @@ class GaitProgram(GaitRows):
     def finer(
         self, point: Point, degree: int | None = None, parts: int = 2
     ) -> tuple[GaitProgram, Point | None]:
-        """The same cycle with every arc cut in `parts`, once those that only repeat are joined.
+        """Join arcs that only repeat, then cut every arc in `parts`.
 
-        Phases of no duration are left out. The point is never worse, None if the solver
-        fails; `degree` of the velocities is kept by default.
+        Phases without duration are omitted. The point is never worse, and None if the solver fails.
+        `degree` of the velocities is kept by default.
         """
         sequence, lasts = self._lasting(point)
         begins = self._joined(point) & np.repeat(lasts, self.arcs)
@@ -98,9 +99,9 @@ class GaitProgram(GaitRows):
         return finer, finer.start_arcs(np.repeat(widths, parts))
 
     def cut(self, point: Point, parts: int) -> tuple[GaitProgram, np.ndarray]:
-        """The program with every arc cut in `parts`, those that only repeat joined before.
+        """Join arcs that only repeat, then cut every arc in `parts`.
 
-        Gives the durations (arcs,) of the same motion too, in scaled units.
+        Also returns the durations (arcs,) of the same motion, in scaled units.
         """
         begins = self._joined(point)
         first = np.flatnonzero(begins)
@@ -111,9 +112,9 @@ class GaitProgram(GaitRows):
         return type(self)(self.task, self.sequence, self.period, arcs, *same), widths
 
     def lasting(self, point: Point) -> tuple[GaitProgram, Point | None]:
-        """The same cycle without phases of next to no length, of which equal neighbours are one.
+        """Omit phases of almost no duration and join equal neighbours.
 
-        None if the solver fails; the program itself where all phases last.
+        The point is None if the solver fails. If all phases last, the program itself is returned.
         """
         phases = lasting_phases(self.sequence, self.durations(point).tolist(), _SHORT)
         if len(phases) == len(self.sequence):
@@ -128,10 +129,10 @@ class GaitProgram(GaitRows):
         return shorter, shorter.start_arcs(widths[kept] * widths.sum() / widths[kept].sum())
 
     def moving(self, widths: np.ndarray, v: np.ndarray, first: np.ndarray) -> Point:
-        """Point of a motion that is known to be feasible, all in scaled units.
+        """Point of a motion that is known to be feasible, in scaled units.
 
-        `widths` (arcs,): durations; `v` (arcs, 2, masses): velocities at both ends of each
-        arc; `first` (links,): lengths at the start, above the shortest.
+        `widths` (arcs,): durations; `v` (arcs, 2, masses): velocities at both ends of each arc;
+        `first` (links,): lengths at the start, above the shortest.
         """
         x = np.zeros(len(self.bilinear.upper))
         x[self.h] = widths
@@ -143,14 +144,14 @@ class GaitProgram(GaitRows):
         return self.bilinear.point(x)
 
     def motion(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Durations of arcs, velocities and first lengths of a point, as `moving` takes them."""
+        """Durations of arcs, velocities and first lengths of a point, the arguments of `moving`."""
         v = np.where(self.v >= 0, point.x[self.v], 0.0)
         return point.x[self.h], v, point.x[self.length[0]]
 
     def _cut(
         self, point: Point, widths: np.ndarray, parts: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same motion on arcs of these durations, each repeated."""
+        """Arguments of `moving` for the same motion on arcs of these durations, each repeated."""
         h, v, first = self.motion(point)
         widths = np.repeat(widths, parts)
         old, new = (np.concatenate([[0.0], np.cumsum(w)]) for w in (h, widths))
@@ -159,7 +160,7 @@ class GaitProgram(GaitRows):
         return widths, np.stack([at[:-1], at[1:]], axis=1), first
 
     def _lasting(self, point: Point) -> tuple[Sequence_, np.ndarray]:
-        """The phases that last, and true for each of them; all where the rest part equal ones."""
+        """Phases that last, and their mask; all phases if equal ones would become neighbours."""
         durations = np.add.reduceat(point.x[self.h], self._edges[:-1])
         lasts = durations > _SHORT * durations.sum()
         sequence = tuple(s for s, long in zip(self.sequence, lasts, strict=True) if long)
@@ -168,10 +169,11 @@ class GaitProgram(GaitRows):
         return self.sequence, np.ones(len(lasts), bool)
 
     def _joined(self, point: Point) -> np.ndarray:
-        """True for each arc that must begin where it does.
+        """Mask of arcs that must begin where they do.
 
-        At a phase, at a change of acceleration, and where a length turns: its range is held by
-        the coefficients, which an arc with a turn inside would hold farther from its ends.
+        Arcs begin at phases, changes of acceleration, and turns of a length. The coefficients keep
+        the length in its range; on an arc with a turn inside, they would keep it farther from the
+        ends.
         """
         begins = np.zeros(self.total, bool)
         begins[self._edges[:-1]] = True
@@ -196,11 +198,11 @@ class GaitProgram(GaitRows):
         return begins
 
     def with_patterns(self, patterns: tuple[Pattern | None, ...]) -> GaitProgram:
-        """The same program with other patterns."""
+        """Copy the program with other patterns."""
         return GaitProgram(self.task, self.sequence, self.period, self.arcs, self.degree, patterns)
 
     def simple_patterns(self) -> list[tuple[Pattern | None, ...]]:
-        """All resting spikes loaded at all times; or only the first of them, or only the last."""
+        """Patterns with all resting spikes loaded, only the first, or only the last."""
         of_phases = [
             simple_patterns(resting) if split_matters(self.task, resting) else [None] * 3
             for resting in self.sequence
@@ -209,9 +211,9 @@ class GaitProgram(GaitRows):
         return [tuple(of_phases[phase][k] for phase in phase_of_arc) for k in range(3)]
 
     def least_patterns(self, point: Point, *, other: bool = False) -> tuple[Pattern | None, ...]:
-        """Patterns of the least split amid every arc; None where it does not matter.
+        """Patterns of the least split in the middle of every arc; None where they do not matter.
 
-        `other`: where two patterns hold, take the one that the program has not.
+        `other`: where two patterns hold, take the one that the program does not have.
         """
         needed, patterns = self._needed(point), list[Pattern | None]()
         tie = _TIE * float(np.abs(needed).max())
@@ -225,7 +227,7 @@ class GaitProgram(GaitRows):
         return tuple(patterns)
 
     def _needed(self, point: Point) -> np.ndarray:
-        """Force m a + k v + load that must act on each mass amid every arc, shape (arcs, n + 1)."""
+        """Force m a + k v + load on each mass in the middle of every arc, shape (arcs, n + 1)."""
         limits, degree = self.limits, self.degree
         h, v, _ = self.motion(point)
         change = degree * (_amid(degree - 1) @ np.diff(v, axis=1))
@@ -253,14 +255,14 @@ class GaitProgram(GaitRows):
         return self._peak is None and self._costs is None
 
     def objective(self, point: Point) -> float:
-        """What is maximised, in the task's units: the speed, or a cost with its sign changed.
+        """The maximised objective, in the task's units: the speed, or a cost with its sign changed.
 
-        Energy per distance excludes the work against loads, in which gaits do not differ.
+        Energy per distance excludes the work against loads, which is the same for all gaits.
         """
         return self.speed(point) if self._is_speed else point.value * self.unit
 
     def same_for_all(self) -> float:
-        """What `objective` leaves out of a cost."""
+        """The part of a cost that `objective` excludes."""
         if self._costs is None or not self._costs.energy:
             return 0.0
         return (self.limits.links + 1) * self.task.worm.load_range[1]
@@ -295,36 +297,28 @@ def _amid(degree: int) -> np.ndarray:
 
 
 class WaveProgram(GaitProgram):
-    """Program of a travelling wave: every mass does what a neighbour did a phase before.
+    """Program of a travelling wave: every mass repeats its neighbour's motion a phase later.
 
-    The velocity of mass i in phase p depends on (p + i), or (p - i), modulo the number of phases
-    only, so that the program has the unknowns of one mass, however many links the worm has.
-    Neighbours are alike in all phases, so that links need the rows of one phase; the sums of
-    forces are not, as the chain has ends.
+    The velocity of mass i in phase p depends only on (p + i), or (p - i), modulo the number of
+    phases. The program therefore has the unknowns of one mass for any number of links. Neighbours
+    are alike in all phases, so links need the rows of one phase. Sums of forces differ, because the
+    chain has ends.
 
-    Parameters as for `GaitProgram`; `sequence` must be a wave (`wave_direction`), with equal
-    numbers of arcs in all phases. Limits of every link and mass hold, unequal ones too.
+    The parameters are those of `GaitProgram`; `sequence` must be a wave (`wave_direction`), with
+    equal numbers of arcs in all phases. Limits may differ between links and masses.
     """
 
     @cached_property
     def _uniform(self) -> bool:
-        limits = self.limits
-        given = [
-            limits.mass,
-            *limits.rates,
-            limits.strokes,
-            limits.acceleration if limits.acceleration is not None else [0.0],
-            self.task.limits.spike_load or 0.0,
-            self.task.limits.actuator_force or 0.0,
-        ]
-        return all(np.ptp(np.asarray(values)) == 0.0 for values in given)
+        return all(len(set(values)) == 1 for values in self.task.of_each)
 
     @property
     def _phases(self) -> int:
         if not self._uniform:
             return len(self.sequence)
-        # every pair of neighbouring classes is a link's in the first phase; where there are as
-        # many phases as masses, that of the last and the first class is so in the second only
+        # In the first phase, every pair of neighbouring classes is that of a link. With as many
+        # phases as masses, the pair of the last and the first class is that of a link in the second
+        # phase only.
         return 1 if len(self.sequence) <= self.limits.links else 2
 
     def _add_columns(self) -> None:

@@ -1,4 +1,4 @@
-"""Limits of a design task in units of size 1, as linear forms of accelerations and velocities."""
+"""Limits of a design task in scaled units, as linear forms of accelerations and velocities."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from wormopt.systems.shared.sequences import Resting
 from wormopt.systems.spiked.gait_problem import GaitProblem
 
-# Acceleration within 1e-7 of a longest period from rest to the largest rate.
+# Acceleration from rest to the largest rate within 1e-7 of a longest period.
 _ABRUPT = 1e7
-# Limits are widened by this share of the numbers that they are the difference of.
+# Limits are widened by this share of the numbers whose difference they are.
 _ROUNDING = 1e-14
 
 
@@ -21,8 +21,8 @@ _ROUNDING = 1e-14
 class Form:
     """A limit -below ≤ alpha a + k beta v ≤ above on accelerations a and velocities v.
 
-    Drag is in none of its masses or in all: beta is 0, or vanishes where alpha does and else has
-    its sign.
+    Either all masses have drag or none: beta is 0, or vanishes where alpha does and else has its
+    sign.
     """
 
     alpha: np.ndarray  # (n+1,) weights of the masses' accelerations
@@ -36,7 +36,7 @@ class ScaledLimits:
     """A task in units of its largest link rate, longest period and mean mass."""
 
     task: GaitProblem
-    like: ScaledLimits | None = None  # whose units are taken instead, to compare the two
+    like: ScaledLimits | None = None  # limits whose units are used instead, to compare the two
 
     @property
     def links(self) -> int:
@@ -104,7 +104,8 @@ class ScaledLimits:
     def acceleration(self) -> np.ndarray | None:
         """Largest link accelerations, shape (n,); None where velocities may jump.
 
-        Programs lose digits where numbers differ too much, and a larger one gains next to nothing.
+        They are capped: programs lose digits if numbers differ too much, and a larger acceleration
+        gains almost nothing.
         """
         limit = self.task.limits.acceleration
         if limit is None:
@@ -122,11 +123,11 @@ class ScaledLimits:
         return _spread(self.task.limits.actuator_force, self.links) / self.force
 
     def weighted(self, weights: np.ndarray) -> Form:
-        """Sum of the forces (n + 1,) m a + k v that must act on the masses, without limits."""
+        """Form of a weighted sum of the forces (n + 1,) m a + k v on the masses, without limits."""
         return Form(weights * self.mass, weights)
 
     def fastest(self, resting: Resting) -> np.ndarray:
-        """Largest velocity (n + 1,) of each mass that link rates allow from those at rest."""
+        """Largest velocity (n + 1,) of each mass, by the rates of the links to resting masses."""
         contraction, extension = self.rates
         masses = range(self.links + 1)
         return np.array(
@@ -134,7 +135,7 @@ class ScaledLimits:
         )
 
     def forms(self, resting: Resting) -> list[Form]:
-        """All limits on link accelerations, the sum of the spikes' loads and actuator forces."""
+        """All limits on link accelerations, the sum of the spike loads, and actuator forces."""
         given = self.acceleration
         most_of_each = np.full(self.links, np.inf) if given is None else given
         links = [
@@ -146,13 +147,13 @@ class ScaledLimits:
         return [*links, self._momentum(resting), *self._actuators(resting)]
 
     def binding(self, resting: Resting) -> list[Form]:
-        """`forms` without limits on forces that accelerations and drag cannot reach."""
+        """`forms` without limits on forces that cannot be reached."""
         forms = self.forms(resting)
         links, forces = forms[: self.links], forms[self.links :]
         return [*links, *(self._binding(form, resting) for form in forces)]
 
     def _binding(self, form: Form, resting: Resting) -> Form:
-        """The form without a limit that accelerations and drag cannot reach."""
+        """The form without the side that accelerations and drag cannot reach."""
         implied, slow, fast = self._implied(form, resting)
         below = form.below if form.below < implied - slow else np.inf
         return replace(
@@ -160,7 +161,7 @@ class ScaledLimits:
         )
 
     def _implied(self, form: Form, resting: Resting) -> tuple[float, float, float]:
-        """Largest size of alpha a by the links' limits, least and largest k beta v."""
+        """Largest |alpha a| under the links' limits, smallest and largest k beta v."""
         v_max = self.fastest(resting)
         slow = self.drag * float(np.minimum(form.beta, 0.0) @ v_max)
         fast = self.drag * float(np.maximum(form.beta, 0.0) @ v_max)
@@ -171,10 +172,10 @@ class ScaledLimits:
         return float(np.abs(form.alpha) @ between), slow, fast
 
     def _momentum(self, resting: Resting) -> Form:
-        """Sum of the reactions: the momentum's change, the drag and the load, (7)."""
+        """Sum of the reactions (7): change of momentum, drag and load."""
         limits, count = self.task.limits, self.links + 1
         spikes = _spread(limits.spike_load, count)[list(resting)]
-        # However they share it, together they carry no more than the sum of what each may.
+        # For any split, the sum is at most the sum of the spikes' limits.
         most = len(spikes) * spikes.min() if limits.sharing == "equal" else spikes.sum()
         lightest, heaviest = self.task.worm.load_range  # limits hold under every load
         below = self._apart(count * lightest, count * limits.sigma_margin)
@@ -182,7 +183,7 @@ class ScaledLimits:
         return Form(self.mass, np.ones(count), below, above)
 
     def _actuators(self, resting: Resting) -> Iterator[Form]:
-        """Actuator forces by the recursion (3), where the spikes' loads are known."""
+        """Actuator forces by recursion (3), where the loads of the spikes are known."""
         limits = self.task.limits
         known = len(resting) == 1 or limits.sharing == "equal"
         if limits.actuator_force is None or not known:
@@ -199,13 +200,14 @@ class ScaledLimits:
             )
 
     def actuators(self, resting: Resting) -> Iterator[tuple[np.ndarray, float]]:
-        """Weights (n + 1,) of masses' forces in each actuator's, its force at rest per load.
+        """For each actuator: weights (n + 1,) of the forces on masses, force at rest per load.
 
-        The latter under loads alike. The resting masses share the load equally.
+        All loads are equal, and the resting masses share them equally.
         """
         count, rest = self.links + 1, len(resting)
         for j in range(1, count):
-            held = sum(i < j for i in resting)  # whole numbers, so that what cancels is zero
+            # whole numbers, so that cancelling terms give exactly 0
+            held = sum(i < j for i in resting)
             weight = (held - rest * (np.arange(count) < j)) / rest
             yield weight, (held * count - rest * j) / rest
 
@@ -216,10 +218,10 @@ class ScaledLimits:
 
 @lru_cache(maxsize=64)
 def scaled(task: GaitProblem) -> ScaledLimits:
-    """Give the limits of a task in units of size 1; those of the last few tasks are kept."""
+    """Scale the limits of a task; the results of the last few tasks are cached."""
     return ScaledLimits(task)
 
 
 def _spread(limit: float | Sequence[float] | None, count: int) -> np.ndarray:
-    """A limit as one number each; infinite where there is none."""
+    """A limit as one number for each; infinite if not given."""
     return np.broadcast_to(np.inf if limit is None else limit, count)

@@ -1,11 +1,11 @@
-"""How resting masses share their load in a gait program: the split of least actuation.
+"""The split of the load among resting masses in a gait program: that of least actuation.
 
-What the first resting masses carry together, times the duration of an arc, are columns of the
-program. With these alone any split is allowed. That of least actuation is piecewise linear in
-the forces: a pattern says which spikes are unloaded or full, and with the pattern given the
-conditions for the least sum of squares are linear. Let P_b be the sum of the actuator forces from
-the first resting mass to the b-th. P_b is the same for all spikes that are neither unloaded nor
-full, no larger for those unloaded, no smaller for those full.
+The program has columns for the load that the first resting masses carry together, times the
+duration of an arc. These columns alone allow every split. The split of least actuation is piecewise
+linear in the forces: a pattern gives the spikes that are unloaded or full, and for a given pattern
+the conditions for the least sum of squares are linear. Let P_b be the sum of the actuator forces
+from the first resting mass to the b-th. P_b is equal for all spikes that are neither unloaded nor
+full, not larger for unloaded spikes, and not smaller for full ones.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Pattern = tuple[int, ...]
 def split_matters(task: GaitProblem, resting: Resting) -> bool:
     """Whether limits or cost depend on a split of the load that statics leaves open."""
     peaks = ("peak_spike_load", "peak_actuator_force")
-    asked = task.limits.actuator_force is not None or task.objective.minimise in peaks
-    return asked and len(resting) > 1 and task.limits.sharing == "least_actuation"
+    limited = task.limits.actuator_force is not None or task.objective.minimise in peaks
+    return limited and len(resting) > 1 and task.limits.sharing == "least_actuation"
 
 
 def lines_of(count: int, resting: Resting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Actuator forces, loads of the resting masses, and P_b of each, as lines.
+    """Actuator forces, loads of the resting masses, and P_b of each, as rows of coefficients.
 
-    A line is weights of what must act on each of so many masses (m a + k v + load), then of what
-    the first resting masses carry together: the first alone, the first two, and so on.
+    The first `count` coefficients multiply the force on each mass (m a + k v + load). The others
+    multiply the load carried by the first resting mass, the first two, and so on.
     """
     rest, links = len(resting), count - 1
     carried = np.zeros((rest + 1, count + rest - 1))
@@ -47,7 +47,7 @@ def lines_of(count: int, resting: Resting) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def simple_patterns(resting: Resting) -> list[Pattern]:
-    """All resting spikes loaded at all times; or only the first of them, or only the last."""
+    """All resting spikes loaded at all times; or only the first; or only the last."""
     patterns = np.full((3, len(resting)), -1)
     patterns[0] = patterns[1, 0] = patterns[2, -1] = 0
     return [tuple(pattern) for pattern in patterns.tolist()]
@@ -60,9 +60,10 @@ def least_patterns(
     tie: float,
     olds: Sequence[Pattern] | None,
 ) -> list[Pattern]:
-    """Patterns of the least split where these forces (arcs, n + 1) must act on the masses.
+    """Patterns of the least split for the forces `needed` (arcs, n + 1) on the masses.
 
-    With `olds` the other pattern of every mass for which two hold. `full`: most of each spike.
+    With `olds`, masses for which two patterns hold get the other one. `full`: largest load of each
+    spike.
     """
     bare, total, held = -np.cumsum(needed, axis=1).T, needed.sum(axis=1), list(resting)
     loads = share_load(total, bare, resting, "least_actuation", full)
@@ -78,7 +79,7 @@ def least_patterns(
 def _pattern(load: np.ndarray, full: np.ndarray, sums: np.ndarray, tie: float) -> Pattern:
     signs = np.where(load <= tie, -1, np.where(load >= full - tie, 1, 0))
     if not np.any(signs == 0):
-        # The total is just what the full ones carry: the next to change counts as in between.
+        # The full spikes carry exactly the total: the next to change counts as in between.
         is_full = signs == 1
         key = np.where(is_full, sums, np.inf) if is_full.any() else -sums
         signs[int(np.argmin(key))] = 0
@@ -88,7 +89,7 @@ def _pattern(load: np.ndarray, full: np.ndarray, sums: np.ndarray, tie: float) -
 def _flipped(
     old: Pattern, load: np.ndarray, full: np.ndarray, sums: np.ndarray, tie: float
 ) -> Pattern:
-    """The other pattern of every mass for which two hold."""
+    """The pattern in which every mass with two valid patterns has the other one."""
     first = old.index(0)
     new = list(old)
     for b, sign in enumerate(old):

@@ -1,4 +1,4 @@
-"""Orders of rest: those to begin a search with, and their ceilings."""
+"""Orders of rest: the first ones of a search, and their ceilings."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from functools import lru_cache
 from itertools import combinations, permutations
 from math import comb
-
-import numpy as np
 
 from wormopt.systems.shared.sequences import (
     Resting,
@@ -21,41 +19,30 @@ from wormopt.systems.shared.sequences import (
 from wormopt.systems.spiked.ceiling import best_modes, ceiling
 from wormopt.systems.spiked.gait_problem import GaitProblem
 
-# Largest numbers of sets, and of words of them, that are all listed.
+# Largest numbers of sets, and of sequences of them, that are all listed.
 _MOST_SETS, _MOST_WORDS = 64, 4000
-# Solutions of the ceiling's linear program that are looked at.
+# Number of solutions of the ceiling's linear program from which orders are made.
 _MIXES = 3
 
 
 def is_mirror_symmetric(task: GaitProblem) -> bool:
     """Whether i -> n - i with l_j -> shortest + longest - l_{n-1-j} maps gaits on gaits."""
-    n, limits = task.worm.links, task.limits
-    contraction, extension = limits.rate_bounds(n)
-    per_thing = [
-        task.worm.masses,
-        contraction,
-        np.broadcast_to(limits.acceleration or 0.0, n),
-        np.broadcast_to(limits.spike_load or 0.0, n + 1),
-        np.broadcast_to(limits.actuator_force or 0.0, n),
-        np.ptp(np.array(limits.length_ranges(n)), axis=1),
-        task.worm.beyond if task.loads_matter else (0.0,),
-    ]
-    return np.array_equal(contraction, extension) and all(
-        np.array_equal(v, np.asarray(v)[::-1]) for v in per_thing
-    )
+    contraction, extension = task.limits.rate_bounds(task.worm.links)
+    of_each = [*task.of_each, task.worm.beyond if task.loads_matter else (0.0,)]
+    return contraction == extension and all(values == values[::-1] for values in of_each)
 
 
 def letters_of(task: GaitProblem) -> list[Resting]:
-    """Sets of resting masses that may occur."""
+    """Sets of masses that may rest together."""
     masses = range(task.worm.links + 1)
     return [s for size in task.resting_sizes for s in combinations(masses, size)]
 
 
 def first_orders(task: GaitProblem) -> list[Sequence_]:
-    """Orders that no search should fall behind, whatever the number of links.
+    """First orders of every search, for any number of links.
 
-    Head and tail in turn, with and without a block between; the ceiling's resting sets in
-    every order; travelling waves, of more resting masses too where those share a load.
+    Head and tail in turn, with and without a block between; the ceiling's resting sets in every
+    order; travelling waves, also of more resting masses if these share a load.
     """
     n, fewest = task.worm.links, task.limits.resting
     found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]
@@ -67,7 +54,7 @@ def first_orders(task: GaitProblem) -> list[Sequence_]:
 
 
 def _ends_in_turn(links: int, resting: int) -> Iterator[Sequence_]:
-    """Accordions: a block at the head and one at the tail, and one between."""
+    """Accordions: a block at the head in turn with one at the tail, also with one between."""
     head, tail = tuple(range(resting)), tuple(range(links + 1 - resting, links + 1))
     yield (head, tail)
     spare = links + 1 - resting
@@ -76,7 +63,7 @@ def _ends_in_turn(links: int, resting: int) -> Iterator[Sequence_]:
 
 
 def _best_sets_in_turn(task: GaitProblem) -> Iterator[Sequence_]:
-    """All cyclic orders of the sets by which the ceiling is reached, where they are few."""
+    """All cyclic orders of the resting sets in the ceiling's solutions, if these are few."""
     contraction, extension = task.limits.rate_bounds(task.worm.links)
     count = _MIXES if task.worm.links <= 12 else 1
     for mix in best_modes(contraction, extension, task.limits.resting, count=count):
@@ -86,9 +73,10 @@ def _best_sets_in_turn(task: GaitProblem) -> Iterator[Sequence_]:
 
 
 def search_letters(task: GaitProblem) -> list[Resting]:
-    """Sets of resting masses that orders are made of.
+    """Sets of resting masses from which orders are made.
 
-    All sets, where they are few; else blocks of neighbours round the ends.
+    All sets if they are few, else those of sizes with few sets, and blocks of neighbours that wrap
+    round.
     """
     masses, sizes = task.worm.links + 1, task.resting_sizes
     if task.count_of_sets <= _MOST_SETS:
@@ -102,7 +90,7 @@ def search_letters(task: GaitProblem) -> list[Resting]:
 def plain_orders(task: GaitProblem, phases: int | None = None) -> list[Sequence_]:
     """Orders of at most `phases` phases, the highest ceilings first, then the shortest.
 
-    Of exactly as many resting masses as asked for, and of more in short orders only.
+    Only short orders have more resting masses than required.
     """
     masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
     letters = search_letters(task)
@@ -116,12 +104,12 @@ def plain_orders(task: GaitProblem, phases: int | None = None) -> list[Sequence_
 
 
 def _rounded_ceiling(task: GaitProblem, sequence: Sequence_) -> float:
-    """Ceiling of an order to six digits; of long worms it takes too long."""
+    """Ceiling of an order to six digits; 0 for long worms, where it takes too long."""
     return float(f"{ceiling_of(task, sequence):.6g}") if task.worm.links <= 8 else 0.0
 
 
 def ceiling_of(task: GaitProblem, sequence: Sequence_ | None = None) -> float:
-    """Bound on the speed by rates and the resting sets of a sequence, or any, see `ceiling`."""
+    """Bound on the speed by rates and the resting sets of a sequence, or of any, see `ceiling`."""
     return _ceiling_of_sets(task, sequence and frozenset(sequence))
 
 

@@ -1,8 +1,8 @@
-"""Search over the order in which masses rest: enumerate, race, vary the best.
+"""Search over the order in which masses rest: enumerate, select, vary the best.
 
-The order decides the optimum and local optimisation does not change it. Every order is first
-tried with few arcs; what is close to the best at its level is looked at with more. A period is
-filled by as many cycles as suit the order, and several different cycles may be joined.
+The order determines the optimum, and local optimisation does not change it. Every order is first
+tried with few arcs; orders close to the best at the same number of arcs are tried with more. A
+period contains the number of cycles that suits the order, and different cycles may be joined.
 """
 
 from __future__ import annotations
@@ -49,49 +49,49 @@ from wormopt.systems.spiked.search.trial import Trial, Trier
 
 Better = Callable[[Trial], None]
 
-# What is within this share of the best of its level is looked at with more arcs; of the energy
-# that is absorbed, a small part of what is spent, few arcs tell little.
+# Trials within this share of the best with as many arcs are tried with more. The absorbed energy is
+# a small part of the total, so few arcs tell little about it.
 _MARGINS, _MARGINS_OF_ENERGY = (0.08, 0.01), (0.5, 0.15)
-# Share of the value within which another local optimum of an order is kept; and of the cycle,
-# within which the phases of two gaits last as long.
+# Share of the value within which another local optimum of an order is kept; share of the cycle
+# within which the phases of two gaits are equally long.
 _CLOSE, _ALIKE = 1e-3, 1e-2
-# Shares of the cycle up to which a phase is nothing, and short.
+# Shares of the cycle below which a phase counts as absent, and as short.
 _SIZES = 5e-3, 5e-2
-# Energy absorbed per distance, in units of force, that counts as none.
+# Absorbed energy per distance, in units of force, that counts as zero.
 _NONE = 1e-10
-# Links up to which ceilings cost less than a first look at an order.
+# Largest number of links for which ceilings cost less than a first trial of an order.
 _CHEAP_CEILINGS = 8
 
 
 class Start(NamedTuple):
-    """An order of rest with what to begin with."""
+    """An order of rest with starting values."""
 
     sequence: Sequence_  # resting masses of a cycle
     durations: np.ndarray | None = None  # of its phases; None: short ones
-    cycles: int = 0  # how many nearly fill a period; 0: not known
+    cycles: int = 0  # cycles that nearly fill a period; 0: unknown
 
 
 @dataclass(eq=False)
 class Race:
-    """Best trial of every order so far, others that may end higher, each level's best value."""
+    """The best trial of every order, other promising trials, and the best value of every level."""
 
     task: GaitProblem
     trier: Trier
     workers: int  # processes
     report: Report
     better: Better  # given every trial better than all before it
-    places: int  # first looks that do not reach so many different values before are given up
-    # best of each canonical order; None: it has none
+    places: int  # first trials are given up below this many best values
+    # best of each canonical order; None: no gait
     trials: dict[Sequence_, Trial | None] = field(default_factory=dict)
     # local optima next to the best of their order
     others: list[Trial] = field(default_factory=list)
-    varied: int = 0  # how many orders are variations of others
-    enough: float = np.inf  # a value near enough to a proven bound of all
+    varied: int = 0  # number of orders that are variations of others
+    enough: float = np.inf  # value close enough to a proven bound
 
     def __post_init__(self) -> None:
         self._best: Trial | None = None
         self._records: dict[int, float] = {}
-        self._values = set[float]()  # of first looks, to four digits
+        self._values = set[float]()  # of first trials, to four digits
         self._workers = Workers(self.workers)
         self.long = self.task.worm.links > _CHEAP_CEILINGS
         self.mirror = is_mirror_symmetric(self.task)
@@ -99,13 +99,13 @@ class Race:
         self.margins = _MARGINS_OF_ENERGY if self._energy else _MARGINS
 
     def close(self) -> None:
-        """Let the processes go."""
+        """Release the processes."""
         self._workers.close()
 
-    def tell(self, stage: str, fraction: float) -> str:
-        """Say what is done next, and the best so far; give the stage back.
+    def announce(self, stage: str, fraction: float) -> str:
+        """Report the next stage with the best cost so far; return the stage.
 
-        `fraction` is how much of the search is done.
+        `fraction` is the share of the search that is done.
         """
         best = f", best so far {self.ranking[0].cost:.6g}" if self._records else ""
         self.report(stage + best, fraction)
@@ -116,14 +116,14 @@ class Race:
         return canonical(sequence, self.task.worm.links + 1, mirror=self.mirror)
 
     def _each(self, work: Callable[[Trier, Any], Trial | None], jobs: Sequence) -> Iterator:
-        """Try the same with every job, side by side, and count what it took."""
+        """Apply `work` to every job in parallel, and count its programs and work."""
         for found, programs, pivots in self._workers.map(partial(_tried, self.trier, work), jobs):
             self.trier.programs += programs
             self.trier.work += pivots
             yield found
 
     def enter(self, starts: Iterable[Start]) -> list[Trial]:
-        """Try orders for the first time; gives what was found."""
+        """Try orders for the first time; return the trials that have a gait."""
         starts, found = [s for s in starts if self.can_win(s.sequence)], list[Trial]()
         usual = None if self._best is None else self._best.durations
         places = sorted(self._values)[-self.places :]
@@ -138,13 +138,13 @@ class Race:
         return found
 
     def can_win(self, sequence: Sequence_) -> bool:
-        """Whether the ceiling of an order is above the best."""
+        """Whether the ceiling of an order is above the best value."""
         required = self.task.objective.speed
         bound = self.value if required is None else required
         return self.long or ceiling_of(self.task, sequence) > bound
 
     def keep(self, trial: Trial) -> None:
-        """Enter a trial, fitted to a period, if it is the best of its order."""
+        """Record a trial fitted to a period, and keep it if it is the best of its order."""
         if trial.value > self.value:
             self._best = trial
             self.better(trial)
@@ -161,12 +161,12 @@ class Race:
 
     @property
     def is_over(self) -> bool:
-        """Whether no gait can be better: nothing is spent but the work against the load."""
+        """Whether no gait can be better, because no energy is absorbed."""
         return self._energy and self.value >= -_NONE * self._force
 
     @property
     def is_proven(self) -> bool:
-        """Whether no gait can be better by more than is wanted."""
+        """Whether no gait can be better by more than the wanted gap."""
         return self.value >= self.enough
 
     def record(self, level: int) -> float:
@@ -179,30 +179,30 @@ class Race:
 
     @property
     def ranking(self) -> list[Trial]:
-        """Best trials first; of those that tie, short cycles."""
+        """Trials, best first; short cycles first among ties."""
         return sorted((t for t in self.trials.values() if t is not None), key=rank)
 
     def restart(self, width: int, random: Sequence[int], share: float = 1e9) -> None:
-        """Try the best orders with arcs drawn at random, as fine as they are.
+        """Try the best orders again from random arcs, with as many arcs as they have.
 
-        At most `width` orders, within `share` of the best; `random` is the seed.
+        At most `width` orders within `share` of the best; `random` is the seed.
         """
         enough = self.value - share * abs(self.value)
         best = [t for t in self.ranking[:width] if t.value >= enough]
-        reached = -np.inf if self._energy else self._close(0)  # few arcs tell little of energy
+        reached = -np.inf if self._energy else self._close(0)  # few arcs say little about energy
         again = partial(_again, seed=random, enough=reached)
         for trial, other in zip(best, self._each(again, best), strict=True):
             if other is not None:
                 self.keep(other)
                 lower, higher = sorted((trial, other), key=lambda t: t.value)
                 close = abs(higher.value - lower.value) < _CLOSE * abs(higher.value)
-                if close and not _alike(lower, higher):  # more arcs will tell which ends higher
+                if close and not _alike(lower, higher):  # more arcs decide which is better
                     self.others.append(lower)
 
     def promote(self, level: int, most: int) -> None:
-        """Try with more arcs up to `most` orders that are close to the best of their level.
+        """Try up to `most` orders close to the best of their level with more arcs.
 
-        `level` is how often arcs have been halved.
+        `level` is the number of halvings of the arcs.
         """
         while most > 0:
             close = [t for t in self.ranking if t.level == level]
@@ -213,10 +213,10 @@ class Race:
             most -= len(close)
 
     def refine(self, trials: list[Trial]) -> list[Trial]:
-        """Try again with more arcs; gives what was found."""
+        """Try again with more arcs; return the new trials."""
         found = list(self._each(Trier.finer, trials))
         for trial in trials:
-            self.trials[self.canonical(trial.sequence)] = None  # some phases may last no time
+            self.trials[self.canonical(trial.sequence)] = None  # some phases may vanish
         for finer in found:
             self.keep(finer)
         return found
@@ -225,18 +225,18 @@ class Race:
 def _tried(
     trier: Trier, work: Callable[[Trier, Any], Trial | None], job: Any
 ) -> tuple[Trial | None, int, int]:
-    """What a job comes to, and how many programs and how much work that was."""
+    """Result of a job, with the number of its programs and its work."""
     trier = copy(trier)
     trier.programs = trier.work = 0
     found = work(trier, job)
     if found is not None:
-        _ = found.value  # goes with it, so that its program is made anew only if it is needed
+        _ = found.value  # computed here, so that the receiver needs no program
         found.program.forget()
     return found, trier.programs, trier.work
 
 
 def _first(trier: Trier, start: Start, enough: float, usual: np.ndarray | None) -> Trial | None:
-    """Try an order for the first time, also with a period like that of the best so far."""
+    """Try an order for the first time, also with a period like that of the best trial."""
     if usual is not None and trier.stopped():
         return None
     sequence, durations, cycles = start
@@ -247,14 +247,14 @@ def _first(trier: Trier, start: Start, enough: float, usual: np.ndarray | None) 
         others.append(np.full(len(sequence), usual.sum() / len(sequence)))
     for durations in others:
         free = trier.free(sequence, durations, enough)
-        # a free period does no worse than any number of cycles
+        # a free period is at least as good as any number of cycles
         if free is not None and free.value >= enough:
             return trier.fit(free)
     return None
 
 
 def _again(trier: Trier, trial: Trial, seed: Sequence[int], enough: float) -> Trial | None:
-    """Try an order with arcs drawn at random, as fine as they are if it reaches `enough`."""
+    """Try an order from random arcs, and refine it to as many arcs if it reaches `enough`."""
     free = trier.free(trial.sequence, None, enough, np.random.default_rng(seed))
     other = trier.fit(free) if free and free.value >= enough else None
     if other is None or other.value < enough:
@@ -265,12 +265,12 @@ def _again(trier: Trier, trial: Trial, seed: Sequence[int], enough: float) -> Tr
 
 
 def rank(trial: Trial) -> tuple[float, int, Sequence_]:
-    """Key that sorts the best first, and of those that tie but for rounding, short cycles."""
+    """Sorting key: best first, and short cycles first among ties up to rounding."""
     return -float(f"{trial.value:.11g}"), len(trial.sequence), trial.sequence
 
 
 def apart(trials: Iterable[Trial]) -> list[Trial]:
-    """The best of the trials whose phases are alike in being long, short or nothing, best first."""
+    """The best trial of each pattern of long, short and absent phases, best first."""
     found = dict[Any, Trial]()
     for trial in sorted(trials, key=rank):
         lengths = np.digitize(trial.durations / trial.durations.sum(), _SIZES)
@@ -279,7 +279,7 @@ def apart(trials: Iterable[Trial]) -> list[Trial]:
 
 
 def _alike(one: Trial, other: Trial) -> bool:
-    """Whether two trials have the same phases."""
+    """Whether two trials have the same sequence, cycles and nearly the same durations."""
     if one.sequence != other.sequence or one.cycles != other.cycles:
         return False
     apart = np.abs(one.durations - other.durations).max()
@@ -288,13 +288,13 @@ def _alike(one: Trial, other: Trial) -> bool:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is tried."""
+    """Settings of the extent of a search."""
 
-    enumerated: int  # most orders of the systematic part, best ceilings first
-    width: int  # orders varied at a time, doubled after a round in vain; share of what is promoted
-    varied: int  # most variations tried in a round
-    patience: int  # rounds in a row that bring nothing before they end
-    # pivots × rows and columns after which no more are varied; long worms need more each
+    enumerated: int  # most plain orders, highest ceilings first
+    width: int  # orders varied at a time, doubled after a round without gain
+    varied: int  # most variations in a round
+    patience: int  # rounds without gain before variations end
+    # pivots × (rows + columns) after which variations end; long worms need more each
     work: float
     starts: int  # random starts of the best orders, for a cost
     timed: int  # starts of a prescribed order from random durations
@@ -307,54 +307,54 @@ _EFFORTS = {
         enumerated=1000, width=8, varied=800, patience=2, work=6e9, starts=8, timed=128
     ),
 }
-# Shares of the work that one climb may take, and that the last restarts may where nothing is left.
+# Shares of the work for one climb, and for the last restarts at the end of the work.
 _OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
-# Share of it that the variations of a long worm may take.
+# Share of the work for variations of a long worm.
 _OF_LONG = 0.3
-# Pivots of its programs take longer: they are denser.
+# Factor on the work for energy: its programs are denser, so a pivot takes longer.
 _WORK_OF_ENERGY = 0.3
-# Gain, as a share, by which variations begin anew, and draws of durations, and those of long worms.
+# Relative gains after which variations begin again: in general; for durations and long worms.
 _BETTER, _GAIN = 1e-3, 1e-4
-# Share of the mean duration of a phase that is short.
+# Duration of a short phase, as a share of the mean.
 _BRIEF = 0.05
 _BATCH = 8
-# Most joined cycles in a round.
+# Largest number of joined cycles in a round.
 _JOINED = 100
-# First looks that are worth going on with, for each order that is varied at a time.
+# First trials that are pursued, for each order that is varied at a time.
 _PLACES = 6
-# Variations of the best for each insertion into a wave, or variation of the best of a niche.
+# Variations of the best orders for each insertion into a wave or variation of a niche.
 _OF_THE_BEST = 3
-# Masses that come in are no farther from those at rest than the links of a long worm by this.
+# For long worms, a mass comes in only within this share of the links of a resting mass.
 _NEAR = 4
-# Links up to which sets come in at both ends at once: the phases are more, and take longer.
+# Up to this number of links, sets come in at both ends at once; longer worms take too long.
 _BOTH_ENDS = 12
-# Masses of change that outweigh being the next better parent.
+# Weight of a parent's rank against the number of changed masses.
 _RANK = 0.5
-# Phases of a cycle up to which orders are varied.
+# Largest number of phases of varied orders.
 _MOST_PHASES = 12
 
 
 def effort_of(settings: Search) -> Effort:
-    """Effort that the settings ask for."""
+    """Extent of the search by its settings."""
     return _EFFORTS[settings.effort]
 
 
-# How a search ends that was not cut short.
+# Endings of complete searches.
 DONE = ("searched", "proven")
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What a search found and how much it saw."""
+    """Result of a search, with counts of its work."""
 
-    task: GaitProblem  # that was searched
-    trials: tuple[Trial, ...]  # best of each order and its close optima, best first
+    task: GaitProblem
+    trials: tuple[Trial, ...]  # best of each order and its other optima, best first
     tried: int  # orders
     varied: int  # of these, variations of others
     programs: int  # linear programs solved
     ended: str  # "searched", "proven", "time limit" or "interrupted"
     seconds: dict[str, float] = field(default_factory=dict)  # of each stage
-    bounded: Bounded | None = None  # what no gait is faster than, if the search made use of it
+    bounded: Bounded | None = None  # bound on the speed, if the search used it
 
 
 def search(
@@ -364,11 +364,11 @@ def search(
     hints: Iterable[Sequence_] = (),
     better: Better = lambda _: None,
 ) -> Survey:
-    """Search the orders of rest, and the number of cycles, that give the best gait.
+    """Search the orders of rest, and numbers of cycles, for the best gait.
 
-    First `hints` and constructed orders, then plain ones by their ceilings, then variations, until
-    no gait can be better by more than the wanted gap. The same for any number of processes, but
-    for time limits; `better` gets each new best.
+    The stages are: `hints` and constructed orders; plain orders by their ceilings; variations. The
+    search ends when no gait can be better by more than the wanted gap. Apart from time limits, the
+    result does not depend on the number of processes. `better` is called with each new best.
     """
     until = np.inf if settings.time_limit is None else monotonic() + settings.time_limit
     work = effort_of(settings).work * _OF_ONE_CLIMB
@@ -402,13 +402,13 @@ def search(
 
 
 def _effort(race: Race, settings: Search) -> Effort:
-    """Effort that the settings ask for; each look at a long worm takes more, so there are fewer."""
+    """Extent of the search; smaller for long worms, whose trials take longer."""
     effort = effort_of(settings)
     return replace(effort, width=(effort.width + 1) // 2, starts=0) if race.long else effort
 
 
 def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator[str]:
-    """Search in steps of some seconds at most; after each, the stage that it belongs to."""
+    """Search in steps of a few seconds; yield the stage of each."""
     effort, task = _effort(race, settings), race.task
     if settings.sequence is not None:
         for _ in _prescribed(race, ascending(settings.sequence), settings):
@@ -417,22 +417,22 @@ def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator
     first = [race.canonical(s) for s in (*hints, *first_orders(task))]
     first = [s for s in dict.fromkeys(first) if len(s) <= (settings.phases or len(s))]
     for batch in _batches(first):
-        stage = race.tell("constructed orders", 0.0)
+        stage = race.announce("constructed orders", 0.0)
         race.enter(map(Start, batch))
         yield stage
     race.promote(0, 1)
     yield "constructed orders"
-    if not race.long:  # too many, and their ceilings too expensive, to come upon good ones
+    if not race.long:  # their orders are too many and their ceilings too expensive
         yield from _until_proven(race, _plain(race, settings))
     yield from _until_proven(race, _vary(race, settings))
-    stage = race.tell("finer arcs", 0.8)
+    stage = race.announce("finer arcs", 0.8)
     race.promote(1, effort.width)
     yield stage
     if race.is_proven:
         return
     most = max(effort.work, race.trier.work + _OF_RESTARTS * effort.work)
     for start in range(effort.starts):
-        stage = race.tell("other starts", 0.9)
+        stage = race.announce("other starts", 0.9)
         race.restart(2, (settings.seed, 1 + start), race.margins[1])
         yield stage
         if race.trier.work > most:
@@ -445,31 +445,31 @@ def _until_proven(race: Race, stages: Iterator[str]) -> Iterator[str]:
 
 
 def _plain(race: Race, settings: Search) -> Iterator[str]:
-    """Plain orders by their ceilings, and the best of all so far from other starts."""
+    """Try plain orders by their ceilings, then the best of all orders from other starts."""
     effort, task = effort_of(settings), race.task
     orders = [s for s in plain_orders(task, settings.phases) if s not in race.trials]
     for k, batch in enumerate(_batches(islice(orders, effort.enumerated))):
-        stage = race.tell("plain orders", 0.5 * k * _BATCH / effort.enumerated)
+        stage = race.announce("plain orders", 0.5 * k * _BATCH / effort.enumerated)
         race.enter(map(Start, batch))
         yield stage
         if race.trier.work > effort.work / 2:
             break
     race.promote(0, 3 * effort.width)
     yield "plain orders"
-    # the speed climbs to the same top from almost anywhere at first, costs do not
+    # climbs of the speed mostly reach the same optimum, climbs of costs do not
     speed = task.objective.minimise is None
     starts, width = (1, 1) if speed else (effort.starts, 4)
     for start in range(starts):
-        stage = race.tell("other starts", 0.5)
+        stage = race.announce("other starts", 0.5)
         race.restart(width * effort.width, (settings.seed, start))
         yield stage
 
 
 def _prescribed(race: Race, order: Sequence_, settings: Search) -> Iterator[None]:
-    """Climb with one order from durations drawn at random, then from those near the best.
+    """Climb with one order from random durations, then from variations of the best ones.
 
-    Where a climb ends depends on them. What is best with few arcs need not be with more, so that
-    several go on.
+    The result of a climb depends on its start. The best trial with few arcs need not be the best
+    with more, so several are refined.
     """
     effort, random, phases = effort_of(settings), np.random.default_rng(settings.seed), len(order)
     longest = min(race.trier.longest, 2 * race.trier.phase_guess() * phases)
@@ -479,7 +479,7 @@ def _prescribed(race: Race, order: Sequence_, settings: Search) -> Iterator[None
     while len(drawn):
         before = race.value
         for batch in _batches(Start(order, durations) for durations in drawn):
-            race.tell("your sequence", 0.5)
+            race.announce("your sequence", 0.5)
             found += race.enter(batch)
             yield
             if race.trier.work > effort.work / 2:
@@ -489,21 +489,21 @@ def _prescribed(race: Race, order: Sequence_, settings: Search) -> Iterator[None
         near = [t.durations for t in apart(found)[: effort.width] if t.sequence == order]
         drawn = np.concatenate([np.zeros((0, phases)), *map(_moved, near)])
     for _ in range(2):
-        race.tell("your sequence, finer arcs", 0.8)
+        race.announce("your sequence, finer arcs", 0.8)
         found = race.refine(apart(found)[: 2 * effort.width])
         yield
     race.others += apart(found)[1 : effort.width]
 
 
 def _moved(durations: np.ndarray) -> np.ndarray:
-    """Durations with each phase in turn made long where it is short, or short where it is long."""
+    """Change one phase at a time: short phases become long, long phases short."""
     usual = durations.mean()
     others = np.where(durations < usual / 2, usual, _BRIEF * usual)
     return np.where(np.eye(len(durations), dtype=bool), others, durations)
 
 
 def _vary(race: Race, settings: Search) -> Iterator[str]:
-    """Vary the best orders as long as that helps; begin anew with every order that is better."""
+    """Vary the best orders while that helps; begin again after every better order."""
     effort, task = _effort(race, settings), race.task
     most = effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0)
     if race.long:
@@ -511,9 +511,9 @@ def _vary(race: Race, settings: Search) -> Iterator[str]:
     in_vain, gain = 0, _GAIN if race.long else _BETTER
     while in_vain < effort.patience:
         enough = race.record(0) + gain * abs(race.record(0))
-        width = effort.width << in_vain  # where the best lead nowhere, others may
+        width = effort.width << in_vain  # if variations of the best fail, those of others may not
         for batch in _batches(islice(_variations(race, settings, width), effort.varied)):
-            stage = race.tell("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
+            stage = race.announce("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
             race.enter(batch)
             race.varied += len(batch)
             yield stage
@@ -533,12 +533,12 @@ def _batches(items: Iterable) -> Iterator[list]:
 
 
 def _variations(race: Race, settings: Search, width: int) -> Iterator[Start]:
-    """Neighbours and joined cycles of the best orders, each once, and a share for other niches."""
+    """Neighbours and joined cycles of the best orders, and some of other niches, each once."""
     seen, most = set(race.trials), settings.phases or _MOST_PHASES
 
     def fresh(starts: Iterable[Start]) -> Iterator[Start]:
         for start in starts:
-            # of a worm that hardly moves a single phase may last
+            # a worm that hardly moves may have a single lasting phase
             if 2 <= len(start.sequence) <= most and is_gait(start.sequence):
                 key = race.canonical(start.sequence)
                 if key not in seen:
@@ -548,7 +548,7 @@ def _variations(race: Race, settings: Search, width: int) -> Iterator[Start]:
     niches = _niches(race, width)
     best = niches if race.long else list(enumerate(_parents(race, width)))
     joined = islice(_joined(race, [parent for _, parent in best]), _JOINED)
-    # waves of many phases take long to try
+    # trials of waves with many phases take long
     waves = [] if race.long else _waves(race)
     inserted = fresh(_edited(race, waves, inserted=True))
     others = cycle([inserted, fresh(_edited(race, niches))])
@@ -559,7 +559,7 @@ def _variations(race: Race, settings: Search, width: int) -> Iterator[Start]:
     yield from inserted
 
 
-_Parent = tuple[Sequence_, np.ndarray, int]  # phases that last, their durations, and cycles
+_Parent = tuple[Sequence_, np.ndarray, int]  # lasting phases, their durations, number of cycles
 
 
 def _parent(trial: Trial) -> _Parent:
@@ -568,7 +568,7 @@ def _parent(trial: Trial) -> _Parent:
 
 
 def _parents(race: Race, width: int) -> list[_Parent]:
-    """The best `width` orders, and twice as many that are best of a length and number of cycles."""
+    """The best `width` orders, and twice as many best ones of a length and number of cycles."""
     ranking = race.ranking
     of_each = {(t.cycles, len(t.sequence)): t for t in reversed(ranking)}
     close = sorted((t for t in of_each.values() if t.value >= _hopeful(race)), key=rank)
@@ -580,14 +580,14 @@ def _parents(race: Race, width: int) -> list[_Parent]:
 
 
 def _hopeful(race: Race) -> float:
-    """Value from which orders are varied."""
+    """Smallest value of an order that is varied."""
     return race.value - race.margins[0] * abs(race.value)
 
 
 def _niches(race: Race, width: int) -> list[tuple[int, _Parent]]:
-    """The best orders of each direction of travel in turn, ranked in each, first of each niche.
+    """The best orders, by direction of travel and rank, the best of each niche first.
 
-    A niche has the same resting sets but for those that contain another, phases and cycles.
+    Orders of a niche have the same minimal resting sets, number of phases and number of cycles.
     """
     masses = race.task.worm.links + 1
     found = dict[Sequence_, _Parent]()
@@ -596,19 +596,19 @@ def _niches(race: Race, width: int) -> list[tuple[int, _Parent]]:
             parent = _parent(trial)
             found.setdefault(race.canonical(parent[0]), parent)
     seen = set[tuple]()
-    ways = defaultdict[int, tuple[list[_Parent], list[_Parent]]](lambda: ([], []))
+    directions = defaultdict[int, tuple[list[_Parent], list[_Parent]]](lambda: ([], []))
     for word, parent in found.items():
-        way = travel(word, masses)
-        way = abs(way) if race.mirror else way
-        niche = way, minimal(word), len(word), parent[2]
-        ways[way][niche in seen].append(parent)
+        direction = travel(word, masses)
+        direction = abs(direction) if race.mirror else direction
+        niche = direction, minimal(word), len(word), parent[2]
+        directions[direction][niche in seen].append(parent)
         seen.add(niche)
-    ranked = (each for best, others in ways.values() for each in enumerate((*best, *others)))
+    ranked = (each for best, others in directions.values() for each in enumerate((*best, *others)))
     return sorted(ranked, key=lambda each: each[0])[: width + (width + 1) // 2]
 
 
 def _waves(race: Race) -> list[tuple[int, _Parent]]:
-    """The constructed waves that are gaits, in both directions, ranked."""
+    """Constructed waves with a gait, in both directions, with their ranks."""
     links = race.task.worm.links
     waves = wave_orders(links, race.task.limits.resting)
     both = {race.canonical(w) for wave in waves for w in (wave, mirrored(wave, links + 1))}
@@ -619,10 +619,11 @@ def _waves(race: Race) -> list[tuple[int, _Parent]]:
 def _edited(
     race: Race, ranked: list[tuple[int, _Parent]], *, inserted: bool = False
 ) -> Iterator[Start]:
-    """One resting set inserted, exchanged, dropped or moved; what changes least first.
+    """Insert, exchange, drop or move one resting set; smallest changes first.
 
-    `inserted`: into each parent in turn, nothing else. Of a long worm only what is near, at both
-    ends where these are alike, and parents of few phases, which take less, more often.
+    `inserted`: only insertions, into each parent in turn. Long worms have only near changes, at
+    both ends if these are alike, and parents with few phases come more often because they take less
+    time.
     """
     letters, links = search_letters(race.task), race.task.worm.links
     edits, reach = [], links // _NEAR if race.long else np.inf
@@ -633,7 +634,8 @@ def _edited(
             found = list(neighbours_at_both_ends(word, letters, reach, links + 1)) or found
         if inserted:
             found = [each for each in found if len(each[1]) == len(word) + 1]
-        found.sort(key=lambda each: (each[0], -len(each[1]) * race.long))  # most gain amid a phase
+        # insertions in the middle of a phase gain most
+        found.sort(key=lambda each: (each[0], -len(each[1]) * race.long))
         for k, (change, edited, kept) in enumerate(found):
             cost = len(word) ** 2 * (1 + place) * (1 + k) if race.long else change + _RANK * place
             edits.append((cost, edited, kept, parent))
@@ -644,7 +646,7 @@ def _edited(
 
 
 def _joined(race: Race, parents: list[_Parent]) -> Iterator[Start]:
-    """Two cycles in one, where a period has room: the same, its mirror image, or another."""
+    """Join two cycles where a period has room: the same twice, its mirror image, or another."""
     masses, longest = race.task.worm.links + 1, race.task.limits.period_range[1]
     pairs = sorted(product(range(len(parents)), repeat=2), key=lambda pair: (sum(pair), pair))
     for (one, first, _), (two, second, _) in ((parents[i], parents[j]) for i, j in pairs):

@@ -1,4 +1,4 @@
-"""One order of rest tried: its best cycle found so far, and how often it fits into a period."""
+"""Trials of an order of rest: the best cycle found so far, and its number in a period."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from wormopt.systems.spiked.programs.split import split_matters
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A gait found for an order of rest."""
+    """A gait found for one order of rest."""
 
-    program: GaitProgram  # of one cycle
-    point: Point  # what was found
-    cycles: int = 0  # that fill a period; 0: not fitted to one
-    level: int = 0  # how often its arcs have been halved
+    program: GaitProgram  # program of one cycle
+    point: Point  # solution of the program
+    cycles: int = 0  # number that fills a period; 0: not fitted yet
+    level: int = 0  # number of halvings of the arcs
 
     @property
     def sequence(self) -> Sequence_:
@@ -35,7 +35,7 @@ class Trial:
 
     @cached_property
     def value(self) -> float:
-        """What is made large: the speed, or a cost with its sign changed."""
+        """Maximised value: the speed, or a cost with its sign changed."""
         return self.program.objective(self.point)
 
     @cached_property
@@ -45,7 +45,7 @@ class Trial:
 
     @property
     def cost(self) -> float:
-        """The objective as the task means it: the speed, or the whole cost."""
+        """The objective of the task: the speed, or the whole cost."""
         return abs(self.value) + self.program.same_for_all()
 
     @property
@@ -57,23 +57,23 @@ class Trial:
 class Trier:
     """Tries orders of rest of one task, with `arcs` arcs per phase at level 0.
 
-    Climbs end where they are at `until` (monotonic clock), each one after `work`:
-    pivots times rows and columns.
+    Climbs stop at the time `until` (monotonic clock) or after `work` each: pivots times (rows +
+    columns).
     """
 
     def __init__(
         self, task: GaitProblem, arcs: int = 4, until: float = np.inf, work: float = np.inf
     ) -> None:
         self.task, self._arcs, self._until, self._most = task, arcs, until, work
-        self.programs = self.work = 0  # linear programs of all climbs; pivots, rows and columns
+        self.programs = self.work = 0  # linear programs of all climbs; pivots × (rows + columns)
         self.shortest, self.longest = task.limits.period_range
 
     def stopped(self) -> bool:
-        """Whether climbs are to end where they are."""
+        """Whether the time is over."""
         return monotonic() > self._until
 
     def phase_guess(self) -> float:
-        """Duration of a phase to begin with: half a stroke at the slower rate."""
+        """Initial duration of a phase: half a stroke at the slower rate."""
         links = self.task.worm.links
         rates = np.min(self.task.limits.rate_bounds(links), axis=0)
         strokes = np.ptp(self.task.limits.length_ranges(links), axis=1)
@@ -82,9 +82,9 @@ class Trier:
     def program(
         self, sequence: Sequence_, period: tuple[float, float], arcs: Any, degree: int = 1
     ) -> GaitProgram:
-        """The program of an order; a travelling wave's where it is one and would be large.
+        """The program of an order; that of a travelling wave if this would be large.
 
-        `period`: shortest and longest of a cycle; `arcs` per phase; `degree` of velocities.
+        `period`: shortest and longest cycle; `arcs` per phase; `degree` of velocities.
         """
         masses = self.task.worm.links + 1
         large = int(np.broadcast_to(arcs, len(sequence)).sum()) * 2 * masses > _LARGE
@@ -98,9 +98,9 @@ class Trier:
         enough: float = -np.inf,
         random: np.random.Generator | None = None,
     ) -> Trial | None:
-        """Climb with a period as short as may be, up to the longest; give up below `enough`.
+        """Climb with a free period up to the longest; give up below `enough`.
 
-        Begins with phases of `durations`; `random` draws their arcs, which else are alike.
+        The start has phases of `durations`; `random` draws the arcs, equal by default.
         """
         if durations is None:
             durations = np.full(len(sequence), self.phase_guess())
@@ -109,7 +109,7 @@ class Trier:
         return self._climb(sequence, (_SHORTEST * longest, longest), durations, enough, random)
 
     def freed(self, trial: Trial) -> Trial | None:
-        """Climb on with the period of a cycle as it likes; None where the solver fails."""
+        """Continue a climb with a free period; None if the solver fails."""
         period = float(trial.durations.sum())
         program = type(trial.program)(
             self.task,
@@ -125,9 +125,9 @@ class Trier:
     def near(
         self, sequence: Sequence_, durations: np.ndarray, cycles: int, enough: float = -np.inf
     ) -> Trial | None:
-        """Climb from durations near those of a gait of which `cycles` cycles fill a period.
+        """Climb from durations near those of a gait whose `cycles` cycles fill a period.
 
-        `enough` is what is worth going on for.
+        The climb is given up below `enough`.
         """
         total = float(durations.sum())
         period = self._cycle(cycles, total)
@@ -136,9 +136,9 @@ class Trier:
         return trial and self.settled(replace(trial, cycles=cycles))
 
     def fit(self, trial: Trial) -> Trial | None:
-        """Fit a trial with a free period to the best whole number of cycles in a period.
+        """Fit a trial with a free period to the best number of cycles in a period.
 
-        None where no number of cycles has a gait.
+        None if no number of cycles has a gait.
         """
         best = max(self.fits(trial), key=lambda t: t.value, default=None)
         if best is None or self.task.objective.speed is None:
@@ -146,19 +146,19 @@ class Trier:
         return self._fewer_cycles(best)
 
     def fits(self, trial: Trial) -> list[Trial]:
-        """A trial with a free period, fitted to the numbers of cycles nearest to it."""
+        """Fit a trial with a free period to the nearest numbers of cycles."""
         period = float(trial.durations.sum())
         counts = {max(1, ceil(self.shortest / period / _UP))}
-        if max(counts) * period > self.longest * _UP:  # no number of whole periods is in the range
+        if max(counts) * period > self.longest * _UP:  # no whole number of cycles is in the range
             counts.add(max(1, floor(self.longest / period * _UP)))
         fitted = [self.fitted(trial, count) for count in sorted(counts)]
         if not any(fitted) and self.task.objective.speed is not None:
-            # what costs least has no speed to spare: what is fast enough is sought anew
+            # the cheapest gait has no speed to spare: search for a fast one again
             fitted = [self.near(trial.sequence, trial.durations, count) for count in sorted(counts)]
         return [t for t in fitted if t is not None]
 
     def _fewer_cycles(self, best: Trial) -> Trial:
-        """As many cycles fewer as lower the cost: climbs of costs stay near where they begin."""
+        """Use fewer cycles while this lowers the cost: climbs of costs end near their start."""
         while best.cycles > 1:
             fewer = [self.fitted(best, n) for n in sorted({best.cycles // 2, best.cycles - 1})]
             better = [t for t in fewer if t is not None and t.value > best.value]
@@ -168,7 +168,7 @@ class Trier:
         return best
 
     def fitted(self, trial: Trial, cycles: int) -> Trial | None:
-        """A trial fitted to a number of cycles that fill a period; None where it has no gait."""
+        """Fit a trial to a number of cycles in a period; None if it has no gait."""
         period = float(trial.durations.sum())
         low, high = self._cycle(cycles, period)
         wanted = float(np.clip(period, low, high))
@@ -184,7 +184,7 @@ class Trier:
         return self.settled(self.climbed(Trial(program, start, cycles, trial.level)))
 
     def _cycle(self, cycles: int, like: float) -> tuple[float, float]:
-        """Shortest and longest cycle of which so many fill a period, and not much longer than one.
+        """Shortest and longest cycle if `cycles` fill a period; at most some times `like`.
 
         Programs lose their digits where a period may be far longer than it is.
         """
@@ -192,7 +192,7 @@ class Trier:
         return low, max(low, min(high, _LONGEST * like))
 
     def _near(self, trial: Trial, program: GaitProgram, widths: np.ndarray) -> Point | None:
-        """A motion like that of a trial with other durations."""
+        """A motion like that of a trial, with other durations."""
         _, v, first = trial.program.motion(trial.point)
         old, new = trial.program.limits.time, program.limits.time
         like = program.moving(widths / new, v, first * (old / new))
@@ -218,7 +218,7 @@ class Trier:
             same = fast.program
             program = type(same)(self.task, same.sequence, period, same.arcs, same.degree)
             if has_cost_columns(self.task):
-                # a cost that is no peak asks for the motion itself: it is feasible there too
+                # a smooth cost needs the motion itself, which is feasible here too
                 begin = program.moving(*same.motion(fast.point))
             else:
                 begin = program.start_arcs(same.widths(fast.point))
@@ -232,7 +232,7 @@ class Trier:
         durations: np.ndarray,
         random: np.random.Generator | None,
     ) -> Trial | None:
-        """Climb to the required speed; with few arcs it may be just out of reach, with more not."""
+        """Climb to the required speed; few arcs may just miss it where more reach it."""
         fastest = Trier(GaitProblem(self.task.worm, self.task.limits), self._arcs, self._until)
         program = fastest.program(sequence, period, self._arcs)
         start = program.start(durations, random)
@@ -246,14 +246,14 @@ class Trier:
         fast = Trial(program, reached)
         if not self.task.worm.drag or not _NEARLY * required <= fast.value < required:
             return fastest._as_fast(fast, required, _MOST_FINER)
-        # with drag the fastest velocities bend, which straight ones approach slowly
+        # with drag optimal velocities bend, and linear ones approach them slowly
         bent = fastest._as_fast(fastest.finer(fast, 1e-6, BENT, parts=1), required, _MOST_FINER)
         if bent is None or not has_cost_columns(self.task):
             return bent
         return fastest._as_fast(fast, required, _MOST_STRAIGHT)
 
     def _as_fast(self, fast: Trial, required: float, most: int) -> Trial | None:
-        """Halve arcs at most so often until the required speed is reached, if it is near."""
+        """Halve arcs, at most `most` times, until the required speed is reached, if it is near."""
         for _ in range(most):
             if not _NEARLY * required <= fast.value < required:
                 break
@@ -263,9 +263,9 @@ class Trier:
     def climbed(
         self, trial: Trial, tolerance: float = 1e-3, steps: int = 25, enough: float = -np.inf
     ) -> Trial:
-        """Climb on from where a trial is; never worse.
+        """Continue the climb of a trial; the result is never worse.
 
-        Settings as of `Climb`, but `enough` in the task's units.
+        Settings are those of `Climb`, but `enough` has the task's units.
         """
         bilinear = trial.program.bilinear
         until = Climb(tolerance, steps, enough=enough / trial.program.unit)
@@ -280,7 +280,7 @@ class Trier:
         self.work += bilinear.work - work
 
     def settled(self, trial: Trial) -> Trial | None:
-        """The trial with the split of least actuation instead of any split; None where none is."""
+        """The trial with the split of least actuation instead of any split; None if it has none."""
         if not any(split_matters(self.task, resting) for resting in trial.sequence):
             return trial
         program, found = trial.program, []
@@ -294,7 +294,7 @@ class Trier:
         return best and self._other_patterns(best)
 
     def _other_patterns(self, trial: Trial, tolerance: float = 1e-3) -> Trial:
-        """Climb on with the other pattern wherever two hold, as long as that helps."""
+        """Continue the climb with the other pattern wherever two hold, while that helps."""
         for _ in range(_FLIPS if trial.program.patterns else 0):
             patterns = trial.program.least_patterns(trial.point, other=True)
             if patterns == trial.program.patterns:
@@ -317,9 +317,9 @@ class Trier:
         parts: int = 2,
         steps: int = 40,
     ) -> Trial:
-        """Cut each arc in `parts`, or raise the degree, and climb on; never worse.
+        """Cut each arc in `parts`, or raise the degree, and continue the climb; never worse.
 
-        `degree` of the velocities, kept if None; `tolerance` and `steps` are the climb's.
+        `degree` of the velocities, kept if None; `tolerance` and `steps` of the climb.
         """
         program, start = trial.program.finer(trial.point, degree, parts)
         level = trial.level + 1
@@ -330,18 +330,17 @@ class Trier:
         return better if better.value >= trial.value else replace(trial, level=level)
 
 
-# Programs of travelling waves with more unknowns than this are reduced to one phase.
+# Programs of travelling waves with more unknowns are reduced to one phase.
 _LARGE = 1800
 _UP = 1 + 1e-9
-# Shares of their bounds within which velocities stay where durations are changed.
+# Shares of their ranges in which velocities may change when durations change.
 _NEARNESS = (0.05, 0.4, np.inf)
-# A free period is no longer than so many times the first guess, and no shorter than this share.
+# Bounds of a free period, as multiples of its first guess.
 _LONGEST, _SHORTEST = 20.0, 1e-4
-# A required speed may be out of reach by this share before arcs are halved, up to so many times,
-# and where only straight velocities are left to reach it up to so many;
-# and one that is exceeded by this share leaves room to lower a cost.
+# Share by which a required speed may be missed before arcs are halved; largest numbers of halvings,
+# in general and for linear velocities; share by which a speed must be exceeded to lower a cost.
 _NEARLY, _MOST_FINER, _MOST_STRAIGHT, _AMPLY = 0.95, 3, 7, 1.02
-# Degree of velocities where drag bends them.
+# Degree of velocities with drag, which bends them.
 BENT = 3
-# Most rounds in which other patterns of unloaded spikes are tried.
+# Largest number of rounds with other patterns of unloaded spikes.
 _FLIPS = 4

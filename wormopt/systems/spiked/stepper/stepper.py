@@ -162,14 +162,14 @@ class Demand:
         allowed = f"motor.{limit.name} is {getattr(stepper, limit.name):g}"
         if limit.name == "rate_max":
             rate = self.turn_rate_max[limit.link]
-            asked = f"{rate:.6g} turns/s from the motor of {at}, but {allowed}"
+            needed = f"{rate:.6g} turns/s from the motor of {at}, but {allowed}"
         elif limit.name == "acceleration_max":
-            asked = (
+            needed = (
                 f"{self.acceleration_max[limit.link]:.6g} turns/s^2 from the motor of {at}, but "
                 f"{allowed}"
             )
         else:
-            asked = f"a jump of the rate from the motor of {at}, but {allowed} turns/s"
+            needed = f"a jump of the rate from the motor of {at}, but {allowed} turns/s"
         if np.isfinite(limit.period_min):
             period = enough(limit.period_min, 4, _ACCEPTED / 2)
             suggestion = f"write gait.period = {period:g} or longer"
@@ -177,7 +177,7 @@ class Demand:
             suggestion = (
                 "use a gait without corners (a profile with a ramp), or write motor.start_rate"
             )
-        raise SolveError(f"the gait needs {asked}", suggestion, code="too_fast")
+        raise SolveError(f"the gait needs {needed}", suggestion, code="too_fast")
 
 
 def demand(gait: Gait, stepper: Stepper) -> Demand:
