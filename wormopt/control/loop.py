@@ -283,7 +283,7 @@ def close(
     Raises ArgumentError if the plant has no such input of the force's size.
     """
     signal = input_of(plant, force.numel(), input)
-    force, outputs = saturated(signal, force)
+    force, saturation = saturated(signal, force)
     fed = feed(plant, [signal], force)
     x, own = pack(plant.x), pack(states)
     return replace(
@@ -296,7 +296,7 @@ def close(
             *fed.outputs,
             *error.shown(reference),
             Output(signal.name, force, signal.unit),
-            *outputs,
+            *saturation,
             *outputs,
         ],
         switches=[
