@@ -93,8 +93,8 @@ REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
     "period of a parameter beside a schedule": (
         lambda: scheduled_over(SYMBOL), SYMBOL, "push does not repeat with the period"
     ),
-    "shape of states": (of_two_factors, 2 * np.pi, "ratios depend on the states"),
-    "shape of parameters": (of_a_hidden_harmonic, 2 * np.pi, "ratios depend on the states"),
+    "shape of states": (of_two_factors, 2 * np.pi, "ratios depend on states"),
+    "shape of parameters": (of_a_hidden_harmonic, 2 * np.pi, "ratios depend on states"),
     "no swing": (lambda: block(velocity=lambda v, t: v), 2 * np.pi, "block does not swing"),
     "no velocity": (
         lambda: block(velocity=lambda v, t: ca.SX(0)), 2 * np.pi, "block does not swing"
