@@ -40,7 +40,6 @@ def test_the_page_tells_what_was_asked_and_found(gait: Result, tmp_path: Path):
     assert f"Accepted. All {len(gait.checks)} checks passed." in told
     assert "speed 1.2 mean speed" in told
     assert "worm.load 20 " in told
-    assert "time to load" in told
     assert "computed by wormopt" in told
 
 

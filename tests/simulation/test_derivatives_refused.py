@@ -171,7 +171,7 @@ def test_two_events_at_once_are_told_where_their_order_counts(way: float, route:
     [
         (["weight"], UnknownNameError, "weight"),
         (["mass[1]"], ArgumentError, "mass has 1 entries"),
-        ([3], ArgumentError, "by name"),
+        ([3], ArgumentError, "must be names, not 3"),
         (["mass", "mass"], ArgumentError, "twice"),
         ({"a": {"mass": [1, 2]}}, ArgumentError, "shape"),
         ({"a": {"mass": math.nan}}, ArgumentError, "finite"),
