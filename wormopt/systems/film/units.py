@@ -25,23 +25,6 @@ class Fluid(Given):
 
     Source: eq. 25 of Zimmermann et al. 2007.
 
-    Parameters
-    ----------
-    mu_r : float
-        Relative permeability, above 1.
-    viscosity : float
-        Dynamic viscosity eta in Pa s.
-    density : float
-        Density rho in kg/m³.
-    surface_tension : float
-        Surface tension gamma in N/m; 0 or above.
-    depth : float
-        Mean thickness d in m.
-    wavelength : float
-        Wavelength 2 pi / k in m.
-    frequency : float
-        Angular frequency omega of the wave in rad/s.
-
     Raises
     ------
     ArgumentError
