@@ -1,7 +1,7 @@
 """Fits judged on recordings made by scipy alone: do intervals hold the truth, do searches end well?
 
 `python -m tests.judge_fit 200 FILE` fits as many drawn worms and writes a line of JSON for each;
-`python -m tests.judge_fit FILE` tells what such lines say. With the word `design` in front, worms
+`python -m tests.judge_fit FILE` summarises such lines. With the word `design` in front, worms
 with spikes get gaits that were designed on their fits.
 """
 

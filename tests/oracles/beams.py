@@ -12,7 +12,7 @@ from wormopt.systems.channel.rod import Rod
 def bent_cantilever(angle: float) -> tuple[float, float, float]:
     """Force, and place of the tip along and across, of an inextensible cantilever.
 
-    Its length and stiffness are 1; it is told by the angle of the tip. K. E. Bisshopp and D. C.
+    Its length and stiffness are 1; the angle of the tip is the parameter. K. E. Bisshopp and D. C.
     Drucker, Quart. Appl. Math. 3 (1945) 272.
     """
     m = (1 + math.sin(angle)) / 2

@@ -1,4 +1,4 @@
-"""Pages of reports, and a reader that tells whether they are whole."""
+"""Pages of reports, and a reader that checks whether they are whole."""
 
 import re
 from collections import Counter

@@ -259,7 +259,7 @@ def test_where_implicit_steps_are_too_many_explicit_ones_go_on(monkeypatch: pyte
 def test_implicit_steps_end_early_where_they_get_nowhere(
     end: float, limits: list[int], monkeypatch: pytest.MonkeyPatch
 ):
-    """A look at some of them tells whether the end is within reach of all."""
+    """A few of them show whether the end is within reach of all."""
     asked, in_python = list[int](), routes._in_python
 
     def noted(task: InitialValueProblem, *given: Any, **options: Any) -> Outcome:
