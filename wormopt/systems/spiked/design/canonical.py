@@ -32,7 +32,7 @@ _OFF, _LOST = 1e-12, 1e-6
 _PARTS, _GAIN = (5, 3, 1), 1e-10
 _UNTIL, _AGAIN = Climb(tolerance=1e-12, steps=40), Climb(tolerance=1e-13, steps=15)
 # Gaits with more unknowns keep their links: lengthening would take as long as the design.
-_MOST_UNKNOWNS = 250
+_MOST_UNKNOWNS = 400
 
 
 def chosen(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]:

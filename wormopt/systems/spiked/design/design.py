@@ -418,12 +418,17 @@ def _without_short_phases(trier: Trier, trial: Trial) -> Trial | None:
 
 def _one_repetition(trier: Trier, trial: Trial) -> Trial | None:
     sequence, durations = lasting(trial.sequence, trial.durations.tolist())
-    part = repetition(sequence)
-    if part == len(sequence):
-        return None
-    mean = np.reshape(durations, (-1, part)).mean(axis=0)
-    one = trier.near(sequence[:part], mean, trial.cycles * len(sequence) // part)
-    return one and _sharpen(trier, one, quickly=False)[0]
+    count, shortest = len(sequence), repetition(sequence)
+    found = None
+    for part in range(shortest, count, shortest):
+        if count % part:
+            continue
+        mean = np.reshape(durations, (-1, part)).mean(axis=0)
+        one = trier.near(sequence[:part], mean, trial.cycles * count // part)
+        found = one and _sharpen(trier, one, quickly=False)[0]
+        if found is not None and found.value >= trial.value - _TIE * abs(trial.value):
+            break
+    return found
 
 
 def _keeps(task: GaitProblem, trial: Trial) -> bool:
