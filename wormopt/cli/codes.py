@@ -56,6 +56,17 @@ def _some(text: str) -> int:
     return int(text)
 
 
+def add_changes(command: argparse.ArgumentParser) -> None:
+    """Add the option for keys that differ from the scene."""
+    command.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change a key of the scene, such as worm.load=12; may be repeated",
+    )
+
+
 def add_engine(command: argparse.ArgumentParser) -> None:
     """Add the options for parallel work."""
     engines = ("processes", "serial", "dask")

@@ -11,6 +11,7 @@ from wormopt.cli.codes import (
     DONE,
     INTERRUPTED,
     NOT_SOLVED,
+    add_changes,
     add_engine,
     check_backend,
     engine_of,
@@ -65,13 +66,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "scene", metavar="SCENE", help="a TOML file, or the name of a packaged scene"
     )
-    command.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="change a key of the scene, such as worm.load=12; may be repeated",
-    )
+    add_changes(command)
     add_engine(command)
     command.add_argument(
         "--all", action="store_true", help="print all scalars, facts and checks, not the short form"

@@ -7,7 +7,7 @@ import json
 import tomllib
 from typing import Any, NamedTuple
 
-from wormopt.cli.codes import BAD_INPUT, DONE, kind_name, say
+from wormopt.cli.codes import BAD_INPUT, DONE, add_changes, kind_name, say
 from wormopt.cli.synonyms import has_all
 from wormopt.errors import SceneError
 from wormopt.kinds import GROUPS, KINDS
@@ -45,6 +45,7 @@ def add(commands: Any) -> None:
     command.add_argument(
         "scenes", metavar="SCENE", nargs="+", help="a TOML file, or the name of a packaged scene"
     )
+    add_changes(command)
 
 
 def _list(options: argparse.Namespace) -> int:
@@ -116,7 +117,7 @@ def _check(options: argparse.Namespace) -> int:
     code = DONE
     for source in options.scenes:
         try:
-            scene = load_scene(source)
+            scene = load_scene(source, options.set)
             print(f"{source}: ok ({scene.table.kind})")
             for warning in scene.warnings:
                 say(f"{source}: warning: {warning}")
