@@ -56,8 +56,8 @@ from wormopt.numerics.options import Tolerance as Tolerance
 from wormopt.simulation.moreau import MoreauJean as MoreauJean
 from wormopt.simulation.periodic import PeriodicOrbit as PeriodicOrbit
 from wormopt.simulation.periodic import periodic_orbit as periodic_orbit
-from wormopt.simulation.adjoint.gradient import Gradient as Gradient
-from wormopt.simulation.adjoint.gradient import gradient as gradient
+from wormopt.simulation.gradient import Gradient as Gradient
+from wormopt.simulation.gradient import gradient as gradient
 
 # Group: Control
 from wormopt.control.drive import drive as drive

@@ -21,7 +21,7 @@ from wormopt.model.model import Model, pack
 from wormopt.model.values import nominal_of
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact
-from wormopt.simulation.sensitivity.directions import Sensitivities, directions
+from wormopt.simulation.variation import Sensitivities, directions
 
 # If the ratio of the least to the largest singular value of the Jacobian is smaller, the state is
 # no more accurate than its distance to the fold.

@@ -21,8 +21,8 @@ from wormopt.model.schedule import Schedule
 from wormopt.progress import Report
 from wormopt.simulation.conditions import lifted
 from wormopt.simulation.functions import System
+from wormopt.simulation.held import scheduled
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
-from wormopt.simulation.instants import scheduled
 from wormopt.simulation.memory import GENERATIONS, Course, Memory, Piece, fitted
 from wormopt.simulation.options import Route
 from wormopt.simulation.routes import integrate

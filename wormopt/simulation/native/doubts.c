@@ -1,4 +1,4 @@
-/* Where the derivatives of a motion do not exist or are one-sided; see sensitivity/doubts.py. */
+/* Where the derivatives of a motion do not exist or are one-sided; see simulation/saltation.py. */
 #include <math.h>
 #include <string.h>
 

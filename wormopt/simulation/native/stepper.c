@@ -68,7 +68,7 @@ double step_error(Run *run, double h) {
         five += e5 * e5;
         three += e3 * e3;
     }
-    five = larger(six, five); /* five alone may be small by chance, see dop853.py */
+    five = larger(six, five); /* five alone may be small by chance, see steps.py */
     double scale = five + 0.01 * three;
     if (!(scale < INFINITY)) return NAN;
     const double error = scale > 0.0 ? fabs(h) * five / sqrt(n * scale) : 0.0;

@@ -1,5 +1,5 @@
 /* Derivatives of the motion along k directions: columns S of the model's states, stored row by row
-   after x, by the variational equations and their jumps at events. See sensitivity/variation.py. */
+   after x, by the variational equations and their jumps at events. See simulation/variation.py. */
 #include <float.h>
 #include <math.h>
 #include <string.h>

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.model import pack
 from wormopt.model.values import by_name, check_names, nominal_of, numbers
-from wormopt.simulation.adjoint.costate import Backwards, Kicks
-from wormopt.simulation.adjoint.jumps import Instants, Jump
+from wormopt.simulation.adjoint import Backwards, Instants, Jump, Kicks
 from wormopt.simulation.held import jumps_move
 from wormopt.simulation.options import Route, Tolerance
 from wormopt.simulation.simulate import simulate
