@@ -40,7 +40,7 @@ from wormopt.model.friction import Spike as Spike
 from wormopt.model.friction import NoSlip as NoSlip
 from wormopt.model.modes import ModeSequence as ModeSequence
 from wormopt.model.schedule import Schedule as Schedule
-from wormopt.model.delay import Delay as Delay
+from wormopt.model.schedule import Delay as Delay
 from wormopt.systems.chain.build import chain as chain
 from wormopt.systems.chain.copies import scenario_model as scenario_model
 from wormopt.simulation.walls import smooth_walls as smooth_walls
@@ -70,12 +70,12 @@ from wormopt.control.lambda_tracker import Exponent as Exponent
 from wormopt.control.funnel import Funnel as Funnel
 from wormopt.control.funnel import funnel_tracker as funnel_tracker
 from wormopt.control.switching import switching_tracker as switching_tracker
-from wormopt.control.reference import Reference as Reference
-from wormopt.control.reference import gait_reference as gait_reference
+from wormopt.control.loop import Reference as Reference
+from wormopt.control.loop import gait_reference as gait_reference
 from wormopt.control.loop import FeedForward as FeedForward
 from wormopt.control.lqr import lqr as lqr
 from wormopt.control.predictive import plan_mpc as plan_mpc
-from wormopt.control.receding import run_mpc as run_mpc
+from wormopt.control.predictive import run_mpc as run_mpc
 from wormopt.control.predictive import MpcOptions as MpcOptions
 from wormopt.control.estimation import Estimation as Estimation
 
@@ -102,8 +102,8 @@ from wormopt.ocp.nlp import Plugin as Plugin
 from wormopt.analysis.average import average as average
 from wormopt.analysis.steady import steady_states as steady_states
 from wormopt.analysis.steady import SteadyState as SteadyState
-from wormopt.analysis.steady_sensitivity import steady_sensitivity as steady_sensitivity
-from wormopt.analysis.steady_sensitivity import SteadySensitivity as SteadySensitivity
+from wormopt.analysis.steady import steady_sensitivity as steady_sensitivity
+from wormopt.analysis.steady import SteadySensitivity as SteadySensitivity
 from wormopt.analysis.continuation import continue_branch as continue_branch
 from wormopt.analysis.continuation import Branch as Branch
 from wormopt.analysis.linearise import linearise as linearise
@@ -113,7 +113,7 @@ from wormopt.analysis.vibration import vibration_modes as vibration_modes
 from wormopt.analysis.vibration import VibrationModes as VibrationModes
 from wormopt.analysis.normal_form import normal_form as normal_form
 from wormopt.analysis.normal_form import NormalForm as NormalForm
-from wormopt.analysis.lie import relative_degree as relative_degree
+from wormopt.analysis.normal_form import relative_degree as relative_degree
 
 # Group: Fitting and experiments
 from wormopt.fitting.recording import Recording as Recording

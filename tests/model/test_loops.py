@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.benchmarks.chain_length import long_chain
-from wormopt.numerics import instructions
+from wormopt.numerics.expressions import instructions_of
 from wormopt.simulation.native import build, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate, system_of
@@ -108,7 +108,7 @@ def test_instructions_are_those_that_casadi_tells_one_by_one():
         ca.Function("same", [x], [x]),
         ca.Function("nothing", [x], [ca.SX(0, 1)]),
     ):
-        operations, places = instructions.read(function)
+        operations, places = instructions_of(function)
         assert operations.tolist() == [
             function.instruction_id(k) for k in range(function.n_instructions())
         ]

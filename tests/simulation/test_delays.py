@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, Interrupted, SolveError
-from wormopt.model.delay import Delay
 from wormopt.model.model import Contact, Model, Output, Signal, Switch
+from wormopt.model.schedule import Delay
 from wormopt.simulation import delays, memory
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.periodic import periodic_orbit

@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from wormopt.model.delay import Delay
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.schedule import Delay
 from wormopt.simulation import simulate as simulating
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.gradient import gradient

@@ -11,7 +11,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.fitting.choices import Choice, Values, check_positive, check_whole, replaced
 from wormopt.model.model import Model, Signal
-from wormopt.model.path import ParameterPath
+from wormopt.model.schedule import ParameterPath
 
 # Samples of a wave per period of its highest harmonic; between samples, it exceeds the largest by
 # at most the factor 1/cos(pi / _LOOKS), half a hundredth more.

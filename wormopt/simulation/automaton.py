@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import interruptible
+from wormopt.numerics.expressions import Call
 from wormopt.progress import Report
-from wormopt.simulation.call import Call
 from wormopt.simulation.contacts import Contacts
 from wormopt.simulation.crossings import FALLS, Crossing, Near, Watch
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome

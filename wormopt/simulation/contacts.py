@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import root, root_scalar
 
-from wormopt.simulation.call import Call
+from wormopt.numerics.expressions import Call
 from wormopt.simulation.grip import ENTRIES
 from wormopt.simulation.initial_value import F_REST, KINDS, InitialValueProblem
 from wormopt.simulation.saltation import Columns

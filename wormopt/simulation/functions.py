@@ -23,7 +23,7 @@ from wormopt.model.given import fields_of
 from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.numerics.identically import identically_zero, without_zeros
+from wormopt.numerics.expressions import identically_zero, without_zeros
 from wormopt.simulation.grip import (
     ENTRIES,
     RESTING,

@@ -16,8 +16,7 @@ import numpy as np
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, pack
 from wormopt.model.schedule import Schedule
-from wormopt.numerics.enclosure import Enclosure
-from wormopt.numerics.instructions import read
+from wormopt.numerics.expressions import Enclosure, instructions_of
 from wormopt.simulation.conditions import Lifted, Timed, lifted, may_have
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
@@ -461,7 +460,7 @@ def _may_have(system: System) -> bool:
     functions += [system.guards] if system.model.switches else []
     if not all(function.is_a("SXFunction") for function in functions):
         return True
-    return may_have(system.model, np.concatenate([read(each)[0] for each in functions]))
+    return may_have(system.model, np.concatenate([instructions_of(each)[0] for each in functions]))
 
 
 @lru_cache(maxsize=64)

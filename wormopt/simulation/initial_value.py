@@ -10,7 +10,7 @@ import numpy as np
 
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import nominal_of
-from wormopt.simulation.call import Call
+from wormopt.numerics.expressions import Call
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.variation import Directions, Variation, rhs_of, variation

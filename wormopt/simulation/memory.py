@@ -14,8 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from wormopt.model.delay import Delay
-from wormopt.model.schedule import Schedule
+from wormopt.model.schedule import Delay, Schedule
 
 DEGREE = 11
 """Of the polynomials; their local error is far below that of steps of order 8."""

@@ -34,7 +34,7 @@ from wormopt.model.model import Contact, Model, pack
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.numerics.identically import identically_zero
+from wormopt.numerics.expressions import identically_zero
 from wormopt.progress import Report, silent
 from wormopt.simulation.native.build import repeated
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wormopt.simulation.call import Call
+from wormopt.numerics.expressions import Call
 from wormopt.simulation.initial_value import InitialValueProblem
 
 REASONS = ("grazing", "simultaneous", "edge")

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import DOP853, Radau
 
-from wormopt.simulation.call import Call
+from wormopt.numerics.expressions import Call
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem
 
 

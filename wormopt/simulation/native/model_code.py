@@ -17,7 +17,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from wormopt.numerics.instructions import read
+from wormopt.numerics.expressions import instructions_of
 from wormopt.simulation.functions import System
 from wormopt.simulation.native.build import library, parts
 
@@ -153,7 +153,7 @@ def loop_source(function: ca.Function) -> tuple[str, int] | None:
     if not function.is_a("SXFunction"):
         return None
     try:
-        operations, places = read(function)
+        operations, places = instructions_of(function)
     except ValueError:
         return None
     if not set(operations.tolist()) <= {*OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}:

@@ -12,8 +12,7 @@ from typing import Any, NoReturn, TypeVar
 import casadi as ca
 import numpy as np
 
-from wormopt.control.loop import feed
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import feed, gait_reference
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.fitting.recording import Recording, guesses, unwrapped
 from wormopt.model.gait import Gait

@@ -1,13 +1,166 @@
-"""Bounds of a function over boxes of its inputs, by interval arithmetic on its instructions."""
+"""Exact answers about CasADi expressions: whether one is zero, bounds over boxes, instructions.
+
+To test for zero, the expression is evaluated at a random point in the field of integers modulo a
+prime, where sums cancel exactly. An expression that is not identically zero vanishes there with a
+probability of about its degree / 2^61. Functions that are no quotients of polynomials, such as
+tanh, are independent unknowns, so that only relations among them, such as cos^2 + sin^2 = 1, go
+unnoticed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
-from wormopt.numerics.instructions import read
+_DIGITS = b"0123456789"
+_NUMBERS_ALONE = bytes(c if c in _DIGITS else ord(" ") for c in range(256))
+_PLACE = re.compile(rb"([@\[]?)(\d+)")
+
+
+@lru_cache(maxsize=4)
+def instructions_of(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
+    """Operations (n,) of a function of scalars, and where they write and read (n, 3).
+
+    The latter are as in `Function.instruction_output` and then `Function.instruction_input`,
+    followed by -1. Raises ValueError if the listing of the function is not understood.
+    """
+    listing = function.str(True).encode().partition(b"Algorithm:\n")[2]
+    kinds = listing.translate(None, _DIGITS).splitlines()
+    numbers = np.fromstring(listing.translate(_NUMBERS_ALONE), dtype=np.int64, sep=" ")
+    known = dict[bytes, int]()
+    kind = np.array([known.setdefault(k, len(known)) for k in kinds], dtype=np.int64)
+    examples = [kinds.index(k) for k in known]
+    lines = listing.split(b"\n", max(examples, default=0) + 1)
+    tokens = [_PLACE.findall(lines[k]) for k in examples]
+    counts = np.array([len(each) for each in tokens], dtype=np.int64)[kind]
+    if counts.sum() != len(numbers):
+        raise ValueError(f"the listing of {function.name()} is not understood")
+    starts = np.cumsum(counts) - counts
+    operations = np.array([function.instruction_id(k) for k in examples], dtype=np.int64)[kind]
+    places = np.full((len(kinds), 3), -1)
+    for i, (k, each) in enumerate(zip(examples, tokens, strict=True)):
+        where = [j for j, (mark, _) in enumerate(each) if mark]
+        right = [*function.instruction_output(k), *function.instruction_input(k)]
+        if [int(each[j][1]) for j in where] != right:
+            raise ValueError(f"{lines[k].decode()!r} is not understood")
+        rows = np.flatnonzero(kind == i)
+        places[rows, : len(where)] = numbers[starts[rows, None] + np.array(where, dtype=np.int64)]
+    operations.flags.writeable = places.flags.writeable = False
+    return operations, places
+
+
+_PRIME = 2**61 - 1
+_LARGEST_POWER = 64
+
+
+def identically_zero(
+    expression: ca.SX, symbols: ca.SX, values: Mapping[int, float] | None = None
+) -> np.ndarray:
+    """Return for each entry of an expression whether it is identically zero.
+
+    `values`: exact values of some entries of `symbols`, by index; the others are arbitrary.
+    Raises ZeroDivisionError if the expression divides by zero for these values.
+    """
+    random = np.random.default_rng(0)
+    at = [int(random.integers(1, _PRIME)) for _ in range(symbols.numel())]
+    for i, value in (values or {}).items():
+        at[i] = _residue(value)
+    function = ca.Function("f", [symbols], [ca.densify(expression)])
+    found = np.array(_Field(random).evaluate(function, at), dtype=object)
+    return (found == 0).reshape(expression.shape, order="F").astype(bool)
+
+
+def _residue(value: float) -> int:
+    top, bottom = float(value).as_integer_ratio()
+    return _divide(top % _PRIME, bottom)
+
+
+def _divide(a: int, b: int) -> int:
+    if b % _PRIME == 0:
+        raise ZeroDivisionError("the model divides by zero for these parameters")
+    return a * pow(b, -1, _PRIME) % _PRIME
+
+
+def _integer_power(base: int, exponent: int) -> int | None:
+    """None where the exponent is no small whole number."""
+    signed = exponent if exponent <= _PRIME // 2 else exponent - _PRIME
+    if abs(signed) > _LARGEST_POWER:
+        return None
+    power = pow(base, abs(signed), _PRIME)
+    return power if signed >= 0 else _divide(1, power)
+
+
+_ARITHMETIC = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_ADD: lambda a, b: a + b,
+    ca.OP_SUB: lambda a, b: a - b,
+    ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_DIV: _divide,
+    ca.OP_NEG: lambda a: -a,
+    ca.OP_INV: lambda a: _divide(1, a),
+    ca.OP_SQ: lambda a: a * a,
+    ca.OP_TWICE: lambda a: 2 * a,
+    ca.OP_POW: _integer_power,
+    ca.OP_CONSTPOW: _integer_power,
+    # a condition is an unknown; an expression with it is zero if both its branches are
+    ca.OP_NOT: lambda a: 1 - a,
+    ca.OP_IF_ELSE_ZERO: lambda a, b: a * b,
+}
+
+
+class _Field:
+    """Arithmetic modulo the prime; every other function gets a random value per argument."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        self._random = random
+        self._unknowns: dict[tuple[int, ...], int] = {}
+
+    def _apply(self, operation: int, arguments: list[int]) -> int:
+        known = _ARITHMETIC.get(operation)
+        value = known(*arguments) if known else None
+        if value is not None:
+            return value % _PRIME
+        key = (operation, *arguments)
+        if key not in self._unknowns:
+            self._unknowns[key] = int(self._random.integers(1, _PRIME))
+        return self._unknowns[key]
+
+    def evaluate(self, function: ca.Function, at: list[int]) -> list[int]:
+        work, results = [0] * function.sz_w(), [0] * function.nnz_out(0)
+        for k in range(function.n_instructions()):
+            operation = function.instruction_id(k)
+            source, target = function.instruction_input(k), function.instruction_output(k)
+            if operation == ca.OP_INPUT:
+                work[target[0]] = at[source[1]]
+            elif operation == ca.OP_OUTPUT:
+                results[target[1]] = work[source[0]]
+            elif operation == ca.OP_CONST:
+                work[target[0]] = _residue(function.instruction_constant(k))
+            else:
+                work[target[0]] = self._apply(operation, [work[i] for i in source])
+        return results
+
+
+def without_zeros(matrix: ca.SX) -> ca.SX:
+    """Drop off-diagonal entries that are identically 0, such as sin cos - cos sin."""
+    if matrix.sparsity().is_diag():
+        return matrix
+    rows, columns = matrix.sparsity().get_triplet()
+    sides = [k for k, pair in enumerate(zip(rows, columns, strict=True)) if len({*pair}) > 1]
+    entries = matrix.nz[sides]
+    try:
+        gone = identically_zero(entries, ca.vertcat(*ca.symvar(entries))).ravel()
+    except ZeroDivisionError:
+        return matrix
+    for k, zero in zip(sides, gone, strict=True):
+        if zero:
+            matrix[rows[k], columns[k]] = 0
+    return ca.sparsify(matrix)
+
 
 Interval = tuple[np.ndarray, np.ndarray]
 _HALF = np.pi / 2
@@ -31,7 +184,7 @@ class Enclosure:
     """
 
     def __init__(self, function: ca.Function) -> None:
-        self._operations, self._places = (part.tolist() for part in read(function))
+        self._operations, self._places = (part.tolist() for part in instructions_of(function))
         self._n_w, self._n_out = function.sz_w(), function.nnz_out(0)
         self._constants = {
             k: function.instruction_constant(k)
@@ -261,3 +414,34 @@ _EXACT = frozenset(
         *(ca.OP_IF_ELSE_ZERO, ca.OP_TWICE, ca.OP_COPYSIGN),
     )
 )
+
+
+class Call:
+    """A CasADi function called through its buffer, a hundred times faster than an ordinary call.
+
+    Its arguments and results must be dense. Those in `shared` are not passed: they are read
+    from these arrays, which the caller may rewrite.
+    """
+
+    def __init__(self, function: ca.Function, *shared: tuple[str, np.ndarray]) -> None:
+        self._buffer, self._run = function.buffer()
+        self._shared = arrays = dict(shared)  # kept alive: the buffer stores addresses only
+        self._passed = []
+        for i, name in enumerate(function.name_in()):
+            array = arrays.get(name)
+            if array is None:
+                array = np.zeros(function.numel_in(i))
+                self._passed.append(array)
+            if array.size:
+                self._buffer.set_arg(i, array.data)  # type: ignore[call-arg]
+        self._results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
+        for i, result in enumerate(self._results):
+            if result.size:
+                self._buffer.set_res(i, result.data)  # type: ignore[call-arg]
+
+    def __call__(self, *values: float | np.ndarray) -> list[np.ndarray]:
+        """Evaluate; the results are overwritten by the next call, matrices flat by columns."""
+        for place, value in zip(self._passed, values, strict=True):
+            place[:] = value
+        self._run()
+        return self._results
