@@ -123,17 +123,17 @@ from wormopt.fitting.task import FitTask as FitTask
 from wormopt.fitting.fit import fit as fit
 from wormopt.fitting.estimate import Fit as Fit
 from wormopt.fitting.estimate import Attempt as Attempt
-from wormopt.fitting.inference.identifiability import identifiability as identifiability
-from wormopt.fitting.inference.posterior import posterior as posterior
-from wormopt.fitting.inference.prediction import predict as predict
-from wormopt.fitting.inference.profile import profile as profile
-from wormopt.fitting.inference.whiteness import whiteness as whiteness
+from wormopt.fitting.identifiability import identifiability as identifiability
+from wormopt.fitting.posterior import posterior as posterior
+from wormopt.fitting.prediction import predict as predict
+from wormopt.fitting.profile import profile as profile
+from wormopt.fitting.noise import whiteness as whiteness
 from wormopt.fitting.planning import plan_experiment as plan_experiment
 from wormopt.fitting.planning import Plan as Plan
-from wormopt.fitting.planned import mean_rate as mean_rate
+from wormopt.fitting.experiment import mean_rate as mean_rate
 from wormopt.fitting.choices import Constant as Constant
-from wormopt.fitting.courses import Ramps as Ramps
-from wormopt.fitting.courses import Waves as Waves
+from wormopt.fitting.choices import Ramps as Ramps
+from wormopt.fitting.choices import Waves as Waves
 
 # Group: Magnetics, films and coils
 from wormopt import magnetics as magnetics

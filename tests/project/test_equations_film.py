@@ -13,7 +13,7 @@ import sympy as sp
 from sympy import Rational as Q
 
 from tests.oracles.by_symbols import Symbols, unchecked, zero
-from wormopt.magnetics.hydrostatics import field_of, gaussian_pressure
+from wormopt.magnetics.pressure import field_of, gaussian_pressure
 from wormopt.model.model import Signal
 from wormopt.systems.film import given_field
 from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body

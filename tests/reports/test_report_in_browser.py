@@ -83,7 +83,7 @@ def pages(design: Result, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     for name, results in found.items():
         with pytest.MonkeyPatch.context() as patch:
             if name != "design":  # pictures take seconds
-                patch.setattr("wormopt.reports.page.pictures", lambda *_, **__: iter(()))
+                patch.setattr("wormopt.reports.report.pictures", lambda *_, **__: iter(()))
                 patch.setattr("wormopt.reports.sweep.pictures", lambda *_, **__: iter(()))
             wo.report(results, folder / f"{name}.html")
     return {name: folder / f"{name}.html" for name in found}

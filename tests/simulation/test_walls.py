@@ -10,7 +10,8 @@ import pytest
 
 from wormopt.control.loop import feed
 from wormopt.errors import ArgumentError
-from wormopt.magnetics.coils import Coil, CoilRow, block_field
+from wormopt.magnetics.blocks import block_field
+from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.model.schedule import Schedule

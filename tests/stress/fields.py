@@ -19,8 +19,9 @@ from tests.stress.rows import ROWS
 from tests.stress.verdict import Case, Dice, Judged, apart, many, spread
 from wormopt.magnetics import hydrostatics
 from wormopt.magnetics.coils import CoilRow
-from wormopt.magnetics.hydrostatics import Langevin, field_of, magnetic_pressure
+from wormopt.magnetics.hydrostatics import Langevin
 from wormopt.magnetics.material import MagnetoElastic
+from wormopt.magnetics.pressure import field_of, magnetic_pressure
 from wormopt.magnetics.travelling import harmonic_shares, moving_profile, switched_course
 from wormopt.magnetics.winding import Coil, loop_field
 from wormopt.systems.coils.membrane import Choice, Membrane

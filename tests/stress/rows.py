@@ -15,7 +15,8 @@ from scipy.optimize import least_squares
 from tests.oracles.windings import seen
 from tests.stress.means import STENCIL, refused
 from tests.stress.verdict import Dice, Judged, Kind, above, apart, spread
-from wormopt.magnetics.coils import BlockField, Coil, CoilRow, block_field
+from wormopt.magnetics.blocks import BlockField, block_field
+from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.systems.coils.row_currents import TravellingTarget, fit_currents
 
 _BLOCKS = 6  # on each side; the package takes 3

@@ -20,7 +20,7 @@ from wormopt.analysis.steady import ZERO, SteadyState, eigenvalues, rates_of
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model
 from wormopt.model.values import by_name, check_names
-from wormopt.numerics.roots import Equations, newton
+from wormopt.numerics.newton import Equations, newton
 
 End = Literal["range", "runaway", "lost", "steps", "closed", "stopped"]
 

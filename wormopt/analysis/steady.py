@@ -21,7 +21,7 @@ from scipy.linalg import eig
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, pack
 from wormopt.model.values import by_name, check_names, nominal_of, signal_values
-from wormopt.numerics.roots import newton
+from wormopt.numerics.newton import newton
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact
 from wormopt.simulation.variation import Sensitivities, directions

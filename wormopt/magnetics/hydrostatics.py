@@ -1,4 +1,4 @@
-"""Magnetic fluids at rest in a field: their pressure, a layer near a coil, ripples on a film.
+"""Layers of magnetic fluid at rest in a field: near a coil, or flat with ripples.
 
 SI units. The pressure is p = P - rho g z + mu0 int_0^H M dH with one constant P. The surface z =
 h(x) is at rest where p + mu0 M_n² / 2 = gamma times its curvature, with zero pressure outside. The
@@ -20,10 +20,6 @@ across the layer, Lambda_t = (1 + T / mu_r) / D for that along x, and `pull_h` t
 the coils' own gradient. In a deep layer the flat surface becomes unstable at the magnetisation of
 Cowley and Rosensweig, mu0 M² = 2 (1 + 1 / mu_r) sqrt(rho g gamma).
 
-A weakly magnetic fluid, with mu_r slightly above 1, is pressed by a field H at its surface like by
-a pressure: mu0 (mu_r - 1) H² / 2 in SI units, (mu_r - 1) H² / (8 pi) in Gaussian units. All
-conversions between the two systems are in this module.
-
 Sources: section 3.5 of Zimmermann et al. 2007; M. D. Cowley, R. E. Rosensweig, J. Fluid Mech. 30,
 1967; R. E. Rosensweig, Ferrohydrodynamics, 1985, chapters 5 and 7.
 """
@@ -34,7 +30,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -45,9 +41,6 @@ from wormopt.errors import ArgumentError
 from wormopt.magnetics.material import MU0, check_number
 from wormopt.magnetics.winding import Coil
 from wormopt.quantities import GRAVITY
-
-if TYPE_CHECKING:
-    Expression = ca.SX | np.ndarray | float
 
 Direction = Literal["vertical", "along"]
 Side = Literal["below", "above"]
@@ -394,28 +387,3 @@ def normal_field_number(fluid: Fluid, depth: float, across: float) -> float:
     # capillary length.
     found: Any = minimize_scalar(share, bounds=(-4.0, 4.0), method="bounded")
     return -float(found.fun)
-
-
-OERSTED = 1e3 / (4 * math.pi)
-"""The Gaussian unit of H, in A/m."""
-
-
-def magnetic_pressure(mu_r: Expression, field: Expression) -> Expression:
-    """Magnetic pressure mu0 (mu_r - 1) H² / 2, in Pa, of the field H in A/m."""
-    return MU0 * (mu_r - 1) * field * field / 2
-
-
-def gaussian_pressure(mu_r: Expression, field: Expression) -> Expression:
-    """Magnetic pressure in Gaussian units, (mu_r - 1) H² / (8 pi), in dyn/cm² (0.1 Pa).
-
-    H in oersted; `mu_r` is the same number in both systems.
-    """
-    return (mu_r - 1) * field * field / (8 * math.pi)
-
-
-def field_of(mu_r: Expression, pressure: Expression) -> Expression:
-    """Field H in A/m of a given `magnetic_pressure` in Pa; `mu_r` above 1.
-
-    Divide by `OERSTED` to convert it to oersted.
-    """
-    return (2 * pressure / (MU0 * (mu_r - 1))) ** 0.5

@@ -18,7 +18,7 @@ from numpy.polynomial import legendre
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.numerics.collocation import Collocation
-from wormopt.numerics.roots import newton
+from wormopt.numerics.newton import newton
 
 
 @dataclass(frozen=True, eq=False)

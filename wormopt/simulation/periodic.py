@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model
 from wormopt.model.values import by_name, check_names, nominal_of, signal_values
-from wormopt.numerics.roots import newton
+from wormopt.numerics.newton import newton
 from wormopt.progress import Report, silent
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact, Tolerance, Treatment

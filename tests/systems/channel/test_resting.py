@@ -16,7 +16,8 @@ from scipy.optimize import brentq
 from tests.oracles.beams import bent_cantilever
 from wormopt.analysis.resting import Loaded, Rest
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.magnetics.coils import BlockField, Coil, CoilRow, block_field
+from wormopt.magnetics.blocks import BlockField, block_field
+from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.systems.channel.curve import Curve, RodLine, distances

@@ -18,7 +18,8 @@ from places import DOCS
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, Interrupted, SceneError
-from wormopt.magnetics.coils import BlockField, Coil, CoilRow, block_field
+from wormopt.magnetics.blocks import BlockField, block_field
+from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.numerics.direct_search import Look, compass
 from wormopt.progress import silent
 from wormopt.simulation.moreau import MoreauJean

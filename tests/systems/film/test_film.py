@@ -22,7 +22,7 @@ from scipy.integrate import quad
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.magnetics.hydrostatics import OERSTED, field_of, gaussian_pressure, magnetic_pressure
+from wormopt.magnetics.pressure import OERSTED, field_of, gaussian_pressure, magnetic_pressure
 from wormopt.study import load_scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
 from wormopt.systems.film.lubrication import (

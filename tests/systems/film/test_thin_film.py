@@ -12,7 +12,7 @@ from wormopt.analysis.continuation import continue_branch
 from wormopt.analysis.steady import Rates
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Signal
-from wormopt.numerics.roots import newton
+from wormopt.numerics.newton import newton
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.film.cosine import CosineWave

@@ -16,7 +16,7 @@ from wormopt.analysis.steady import Rates, steady_states
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
-from wormopt.numerics.roots import newton
+from wormopt.numerics.newton import newton
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.pair.averaged import averaged_pair, steady_pair

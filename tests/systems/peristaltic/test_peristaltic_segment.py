@@ -19,7 +19,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.magnetics.coils import CoilRow
-from wormopt.magnetics.hydrostatics import magnetic_pressure
+from wormopt.magnetics.pressure import magnetic_pressure
 from wormopt.magnetics.winding import Coil
 from wormopt.numerics.chebyshev import resolve
 from wormopt.numerics.roots import root

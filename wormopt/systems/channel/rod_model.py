@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.magnetics.coils import BlockField
+from wormopt.magnetics.blocks import BlockField
 from wormopt.magnetics.material import MU0
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import TINY, Contact, Model, Output, Signal

@@ -34,7 +34,7 @@ from wormopt.systems.channel.tables import Pattern, RodStudy
 with on_use():
     import numpy as np
 
-    from wormopt.magnetics.coils import BlockField
+    from wormopt.magnetics.blocks import BlockField
     from wormopt.model.schedule import Schedule
     from wormopt.simulation.moreau import MoreauJean, StepRecord
     from wormopt.systems.channel.closed_forms import warnings_of_susceptibility

@@ -15,7 +15,7 @@ with on_use():
     import numpy as np
 
     from wormopt.analysis.resting import Loaded, Rest
-    from wormopt.magnetics.coils import BlockField
+    from wormopt.magnetics.blocks import BlockField
     from wormopt.progress import Report
     from wormopt.systems.channel.closed_forms import ChannelWorm
     from wormopt.systems.channel.curve import Curve, RodLine, distances

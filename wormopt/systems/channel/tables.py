@@ -15,7 +15,8 @@ from wormopt.systems.channel.samples import FLATTEST, SAMPLES, STEEPEST, Sample
 from wormopt.systems.shared.si import SIStudy
 
 with on_use():
-    from wormopt.magnetics.coils import BlockField, Coil, channel_field
+    from wormopt.magnetics.blocks import BlockField, channel_field
+    from wormopt.magnetics.coils import Coil
     from wormopt.systems.channel.closed_forms import ChannelWorm
 
 _SIZES = ("pitch", "channel", "body", "length")

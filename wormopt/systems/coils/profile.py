@@ -18,7 +18,7 @@ from numpy.polynomial import chebyshev
 
 from wormopt.analysis.continuation import Fold, Walk
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.numerics.roots import newton
+from wormopt.numerics.newton import newton
 from wormopt.progress import Report, silent
 
 Walls = Literal["upright", "pinned"]

@@ -19,7 +19,7 @@ from wormopt.analysis.continuation import Branch, continue_branch
 from wormopt.analysis.steady import Rates, SteadyState, rates_of
 from wormopt.errors import Interrupted, SolveError
 from wormopt.model.model import Model, Signal, pack
-from wormopt.numerics.roots import newton
+from wormopt.numerics.newton import newton
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate

@@ -31,7 +31,7 @@ from wormopt.systems.film.tables import Film, Share, SharePair
 with on_use():
     import numpy as np
 
-    from wormopt.magnetics.hydrostatics import OERSTED, gaussian_pressure, magnetic_pressure
+    from wormopt.magnetics.pressure import OERSTED, gaussian_pressure, magnetic_pressure
     from wormopt.systems.film.cosine import CosineWave, square_wave_flow
     from wormopt.systems.film.lubrication import field_slope, flow, surface_velocity, velocities
     from wormopt.systems.film.next_order import (

@@ -19,7 +19,7 @@ from wormopt.tables import SUFFIXES
 with on_use():
     import numpy as np
 
-    from wormopt.magnetics.hydrostatics import magnetic_pressure
+    from wormopt.magnetics.pressure import magnetic_pressure
     from wormopt.systems.film.cosine import CosineWave
     from wormopt.systems.film.given_field import read_field
     from wormopt.systems.film.shapes import FourierWave, Wave

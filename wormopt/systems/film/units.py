@@ -13,7 +13,7 @@ from wormopt.study import Given, number, on_use, positive
 with on_use():
     import numpy as np
 
-    from wormopt.magnetics import hydrostatics as magnetic
+    from wormopt.magnetics import pressure as magnetic
     from wormopt.model.values import numbers
 
 # Quantities that must be small give a warning above this value.

@@ -17,7 +17,7 @@ from wormopt.analysis.steady import SteadyState, rates_of, steady_states
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law
 from wormopt.model.model import Model
-from wormopt.numerics.roots import newton
+from wormopt.numerics.newton import newton
 from wormopt.progress import Report
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Tolerance

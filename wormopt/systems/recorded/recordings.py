@@ -18,11 +18,10 @@ from wormopt.fitting.recording import Recording, guesses, unwrapped
 from wormopt.model.gait import Gait
 from wormopt.model.given import fields_of
 from wormopt.model.model import Model, Output, Signal
-from wormopt.quantities import UNITS, unit_of
+from wormopt.quantities import UNITS, parsed, scale, unit_of
 from wormopt.study import Study
 from wormopt.systems.recorded.recording_file import Columns, RecordingFile, entry_of
 from wormopt.systems.recorded.tables import near, scene_of
-from wormopt.units import parsed, scale
 
 _DRIVE = "recorded"
 FileT = TypeVar("FileT", bound=RecordingFile)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
-from wormopt.magnetics.hydrostatics import magnetic_pressure
+from wormopt.magnetics.pressure import magnetic_pressure
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.values import numbers
 from wormopt.quantities import GRAVITY

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.magnetics.hydrostatics import magnetic_pressure
+from wormopt.magnetics.pressure import magnetic_pressure
 from wormopt.magnetics.winding import Coil
 from wormopt.numerics.roots import root
 from wormopt.systems.peristaltic.segment.segment import Segment

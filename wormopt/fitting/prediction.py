@@ -9,13 +9,12 @@ import numpy as np
 from scipy import stats
 
 from wormopt.errors import ArgumentError
-from wormopt.fitting.estimate import Fit
-from wormopt.fitting.inference.asked import check_fit, check_level
-from wormopt.fitting.inference.conditional import refit
-from wormopt.fitting.levels import rows_estimated
+from wormopt.fitting.estimate import Fit, check_fit, check_level
+from wormopt.fitting.information import TOLD, spectrum
+from wormopt.fitting.noise import rows_estimated
+from wormopt.fitting.profile import refit
 from wormopt.fitting.recording import Recording
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import TOLD, spectrum
 from wormopt.shown import SHORT, lines, text
 
 _DOUBTED = 0.01  # p below which a prediction is doubted

@@ -1,16 +1,19 @@
-"""Remarks on the origin of exported files; and the gait of a result."""
+"""Common parts of exported files: names, remarks on their origin, instants with a fixed step."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from wormopt.errors import ArgumentError
+from wormopt.errors import ArgumentError, OutputError
 from wormopt.files import MARK
 from wormopt.model.gait import Gait
 from wormopt.result import Result
@@ -118,3 +121,57 @@ class Course:
             return "1", "1", "1", "1"
         length, time = self.length_unit, self.time_unit
         return time, length, f"{length} {time}-1", f"{length} {time}-2"
+
+
+def target(output: str | Path | None, name: str, suffixes: Sequence[str]) -> tuple[Path, str]:
+    """Folder to write to, and the stem of the names of files.
+
+    `name` is used if `output` is only a folder; `suffixes` are those of the requested formats.
+    for. Raises OutputError if `output` has another one.
+    """
+    if output is None:
+        return Path(), _plain(name)
+    path = Path(output)
+    if path.is_dir() or not path.suffix:
+        return path, _plain(name)
+    if [path.suffix] != [*suffixes]:
+        ending = f"a name that ends in {suffixes[0]}, or " if len(suffixes) == 1 else ""
+        raise OutputError(f"{path}: write {ending}a folder with -o")
+    return path.parent, path.stem
+
+
+def identifier(name: str) -> str:
+    """Name valid in C and FMI: ASCII letters, digits and _, a letter first."""
+    found = re.sub(r"[\W_]+", "_", name, flags=re.ASCII).strip("_")
+    return found if re.match("[A-Za-z]", found) else f"gait_{found}".rstrip("_")
+
+
+def _plain(name: str) -> str:
+    """Part of a file name, for any name of a result."""
+    return re.sub(r"[^\w.-]+", "_", name).strip("._") or "result"
+
+
+_MOST = 1_000_000
+
+
+def multiples(step: float, first: float, last: float) -> list[Decimal]:
+    """All k * step from `first` to `last`, both included but for round-off.
+
+    The step is the shortest decimal that reads as it: three times 0.1 are 0.3. Raises
+    ArgumentError if it is not positive, or there are none, or more than a million.
+    """
+    if not (isinstance(step, int | float) and math.isfinite(step) and step > 0):
+        raise ArgumentError(f"the step must be positive, not {step!r}")
+    slack = 1e-12 * max(abs(first), abs(last))
+    low, high = math.ceil((first - slack) / step), math.floor((last + slack) / step)
+    if high - low >= _MOST:
+        raise ArgumentError(f"a step of {step:g} gives more than {_MOST} instants; take a larger")
+    if high < low:
+        raise ArgumentError(f"no multiple of {step:g} lies between {first:g} and {last:g}")
+    exact = Decimal(repr(float(step)))
+    return [k * exact for k in range(low, high + 1)]
+
+
+def times(step: float, first: float, last: float) -> np.ndarray:
+    """Instants of `multiples` as numbers."""
+    return np.array([float(t) for t in multiples(step, first, last)])
