@@ -21,7 +21,7 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import symbols_of
 from wormopt.model.given import fields_of
 from wormopt.model.model import Contact, Model, Signal, pack
-from wormopt.model.schedule import Schedule
+from wormopt.model.schedule import Memory, Schedule, recalled
 from wormopt.model.values import signal_values
 from wormopt.numerics.expressions import identically_zero, without_zeros
 from wormopt.simulation.grip import (
@@ -34,7 +34,6 @@ from wormopt.simulation.grip import (
     never_rests,
     solver,
 )
-from wormopt.simulation.memory import Memory, recalled
 from wormopt.simulation.options import Smooth, Treatment
 
 _HUGE = 1e100

@@ -17,6 +17,8 @@ from wormopt.simulation.variation import Directions, Variation, rhs_of, variatio
 
 KINDS = ("reversal", "stick", "release", "impact", "switch")
 """Kinds of events by their numbers."""
+REASONS = ("grazing", "simultaneous", "edge")
+"""Why derivatives are in doubt, by the numbers of integrators."""
 
 F_REST = 1e-13
 """Share of a holding force that is rounding."""
@@ -219,7 +221,7 @@ class Outcome:
     # rows: time, contact (indices of switches follow), index in `KINDS`, mode from then on, then
     # derivatives of the time
     events: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
-    # rows: time, contact or switch, its mode, reason, see `wormopt.simulation.saltation`
+    # rows: time, contact or switch, its mode, index in `REASONS`
     doubts: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     # (1 + changes, 1 + contacts) time, modes from then on
     modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))

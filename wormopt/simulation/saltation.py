@@ -10,10 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.numerics.expressions import Call
-from wormopt.simulation.initial_value import InitialValueProblem
-
-REASONS = ("grazing", "simultaneous", "edge")
-"""Why derivatives are in doubt, by the numbers of integrators."""
+from wormopt.simulation.initial_value import REASONS, InitialValueProblem
 
 _GRAZING, _SIMULTANEOUS, _EDGE = range(len(REASONS))
 # Share of the whole time; relative difference of equal changes.

@@ -17,10 +17,9 @@ from wormopt.model.schedule import Schedule
 from wormopt.model.values import check_names, numbers, signal_values
 from wormopt.progress import Report, silent
 from wormopt.simulation.functions import System
-from wormopt.simulation.initial_value import InitialValueProblem, Outcome
+from wormopt.simulation.initial_value import REASONS, InitialValueProblem, Outcome
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.routes import integrate
-from wormopt.simulation.saltation import REASONS
 from wormopt.simulation.trajectory import Dense, Event, NonsmoothEvent, Trajectory, latest
 from wormopt.simulation.variation import Sensitivities, directions
 

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.motion import SampledMotion
+from wormopt.labelled import SampledMotion
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import KINDS
