@@ -313,3 +313,39 @@ def test_a_circle_is_found(tmp_path: Path):
     (root / "model" / "b.py").write_text("from wormopt.model import a")
     (root / "model" / "__init__.py").write_text("")
     assert circles(import_graph(root))
+
+
+def calls_upward(folder: Path) -> list[str]:
+    """Calls of the driver's C files to a file that run.h names after them, or nowhere."""
+    shared = (folder / "run.h").read_text(encoding="utf-8").partition("calls those before it")[2]
+    sections = re.split(r"^/\* (\w+\.c)\b.*\*/$", shared, flags=re.MULTILINE)[1:]
+    homes = {
+        name: place
+        for place, text in enumerate(sections[1::2])
+        for name in re.findall(r"(\w+)\(", text)
+    }
+    found = [f"{path.name} is not named" for path in folder.glob("*.c")]
+    for place, file in enumerate(sections[::2]):
+        found.remove(f"{file} is not named")
+        text = re.sub(
+            r"/\*.*?\*/", "", (folder / file).read_text(encoding="utf-8"), flags=re.DOTALL
+        )
+        own = re.findall(r"^(?!static|#)[A-Za-z].*?(\w+)\([^;{]*\) \{$", text, flags=re.MULTILINE)
+        found += [f"{file} defines {name} undeclared" for name in own if homes.get(name) != place]
+        called = {name for name in re.findall(r"\b(\w+)\(", text) if homes.get(name, 0) > place}
+        found += [f"{file} calls {name}" for name in sorted(called)]
+    return found
+
+
+def test_files_of_the_driver_call_those_before_them_only(tmp_path: Path):
+    native = PACKAGE / "simulation/native"
+    alone = ["own_stages.c is not named"]  # part of the code of a model
+    interface = [f"defines wormopt_{name} undeclared" for name in ("advance", "start")]
+    known = {*alone, *(f"driver.c {text}" for text in interface)}
+    known.add("lanes.c defines wormopt_advance_lanes undeclared")
+    assert set(calls_upward(native)) == known
+    for path in (*native.glob("*.c"), native / "run.h"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    with (tmp_path / "doubts.c").open("a", encoding="utf-8") as file:
+        file.write("static void f(Run *run) {\n    set_levels(run, 1);\n}\n")
+    assert set(calls_upward(tmp_path)) == known | {"doubts.c calls set_levels"}

@@ -38,8 +38,8 @@ _ALONG = (
     *("contact_parts", "guard_parts"),
 )
 _CODE = (
-    *("driver.c", "stepper.c", "crossings.c", "layer.c", "contact.c", "aiming.c"),
-    *("variation.c", "doubts.c", "lanes.c"),
+    *("run.c", "variation.c", "stepper.c", "layer.c", "aiming.c", "doubts.c"),
+    *("crossings.c", "contact.c", "driver.c", "lanes.c"),
 )
 _HEADERS = ("driver.h", "run.h", "tableau.h", "stages.h", "lanes.h")
 # A call of the driver lasts some hundredths of a second, so that it can be interrupted.

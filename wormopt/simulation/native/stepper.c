@@ -1,21 +1,9 @@
 /* One step of DOP853, its error and its dense output. Hairer, Norsett, Wanner, section II.10. */
-#include <math.h>
-#include <string.h>
-
 #include "run.h"
 #include "stages.h"
 
 #pragma GCC push_options
 #pragma GCC optimize("fp-contract=fast") /* as in lanes.h */
-
-void evaluate(Run *run, Function f, double t, const double *x, double *result) {
-    run->arg[0] = &t;
-    run->arg[1] = x;
-    run->arg[2] = run->out.p;
-    run->arg[3] = run->modes;
-    run->res[0] = result;
-    f(run->arg, run->res, run->iw, run->w, 0);
-}
 
 void derivative(Run *run, double t, const double *x, double *dx) {
     run->out.n_evaluations++;
