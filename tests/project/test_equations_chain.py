@@ -15,7 +15,7 @@ from sympy import Rational as Q
 
 from tests.oracles.by_symbols import Symbols, zero
 from wormopt.control.lambda_tracker import Feedback, lambda_tracker
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import Reference, gait_reference
 from wormopt.model.friction import Coulomb, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, pack

@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.exports.about import Course, remarks
-from wormopt.exports.instants import times
+from wormopt.exports.common import Course, remarks, times
 from wormopt.model.gait import Gait
 from wormopt.model.gait_table import remark_of_gait, signal_of
 from wormopt.quantities import Variable

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from wormopt.model.motion import SampledMotion
+from wormopt.labelled import SampledMotion
 from wormopt.plotting.parts import LINKS, MASSES, STYLE, draw_rests, legend, line, sheet, styles
 
 _RESTS = "resting"  # a band below all other signals

@@ -11,8 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.magnetics.hydrostatics import Fluid, Linear
-from wormopt.magnetics.ripples import growth_rate
+from wormopt.magnetics.hydrostatics import Fluid, Linear, growth_rate
 from wormopt.model.model import Model, Signal
 from wormopt.simulation.options import Tolerance
 from wormopt.study.scene import load_scene

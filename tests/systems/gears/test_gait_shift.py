@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.control.lambda_tracker import lambda_tracker
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.errors import ArgumentError, Interrupted, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait

@@ -18,7 +18,7 @@ from wormopt.magnetics.material import MU0
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal, pack
 from wormopt.model.schedule import Schedule
-from wormopt.numerics.identically import identically_zero
+from wormopt.numerics.expressions import identically_zero
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate

@@ -14,7 +14,7 @@ from scipy.stats import norm
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError
-from wormopt.fitting.inference.posterior import Posterior
+from wormopt.fitting.posterior import Posterior
 from wormopt.numerics.workers import Engine, using
 from wormopt.quantities import Variable
 from wormopt.result import Result

@@ -56,7 +56,7 @@ from wormopt.systems.shared.declared import (
 with on_use():
     import numpy as np
 
-    from wormopt.control.reference import gait_reference
+    from wormopt.control.loop import gait_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.systems.chain.loops import (

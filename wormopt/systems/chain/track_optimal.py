@@ -48,9 +48,8 @@ with on_use():
     import numpy as np
 
     from wormopt.control.drive import drive
-    from wormopt.control.loop import with_reference
-    from wormopt.control.reference import Reference as Target
-    from wormopt.control.reference import gait_reference
+    from wormopt.control.loop import Reference as Target
+    from wormopt.control.loop import gait_reference, with_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.model.values import nominal_of

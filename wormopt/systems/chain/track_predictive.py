@@ -42,12 +42,10 @@ with on_use():
 
     from wormopt.control.drive import drive
     from wormopt.control.estimation import places
-    from wormopt.control.loop import with_reference
+    from wormopt.control.loop import Reference as Followed
+    from wormopt.control.loop import gait_reference, with_reference
     from wormopt.control.lqr import lqr
-    from wormopt.control.predictive import MpcOptions, MpcPlan
-    from wormopt.control.receding import MpcRun, run_mpc
-    from wormopt.control.reference import Reference as Followed
-    from wormopt.control.reference import gait_reference
+    from wormopt.control.predictive import MpcOptions, MpcPlan, MpcRun, run_mpc
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.model.values import nominal_of

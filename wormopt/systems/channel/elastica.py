@@ -34,7 +34,7 @@ import numpy as np
 from scipy.special import ellipe, ellipeinc, ellipj, ellipk, ellipkinc, ellipkm1
 
 from wormopt.errors import ArgumentError
-from wormopt.model.boundary import BoundaryProblem
+from wormopt.numerics.boundary_values import BoundaryProblem
 from wormopt.numerics.roots import root
 
 Free = Literal["point_contact", "sleeve"]

@@ -26,8 +26,7 @@ from numpy.polynomial import chebyshev
 from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.coils import CoilRow
-from wormopt.magnetics.hydrostatics import Fluid, pull
-from wormopt.magnetics.ripples import flat_field
+from wormopt.magnetics.hydrostatics import Fluid, flat_field, pull
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal
 from wormopt.progress import Report

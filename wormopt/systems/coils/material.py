@@ -32,14 +32,15 @@ from wormopt.systems.shared.si import SIStudy
 with on_use():
     import numpy as np
 
-    from wormopt.magnetics.identify import (
+    from wormopt.magnetics.material import (
         ACCEPTED,
+        SMALL_STRAIN,
         Identification,
+        MagnetoElastic,
         Root,
         forward_residual,
         identify_material,
     )
-    from wormopt.magnetics.material import SMALL_STRAIN, MagnetoElastic
 
 Range = Annotated[
     tuple[Finite, ...],

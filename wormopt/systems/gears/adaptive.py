@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
-from wormopt.control.reference import Reference
+from wormopt.control.loop import Reference
 from wormopt.model.friction import Law
 from wormopt.model.model import Model, Output, Signal, Switch, pack
 from wormopt.systems.chain import chain

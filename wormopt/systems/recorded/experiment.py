@@ -50,11 +50,9 @@ from wormopt.systems.recorded.tables import (
 with on_use():
     import numpy as np
 
-    from wormopt.fitting.choices import Choice, Constant, base_of
-    from wormopt.fitting.courses import Ramps, Waves
-    from wormopt.fitting.experiment import Experiment
+    from wormopt.fitting.choices import Choice, Constant, Ramps, Waves, base_of
+    from wormopt.fitting.experiment import Experiment, mean_rate
     from wormopt.fitting.information import Criterion
-    from wormopt.fitting.planned import mean_rate
     from wormopt.fitting.planning import Plan, plan_experiment
     from wormopt.fitting.unknowns import Unknown
     from wormopt.model.model import Model

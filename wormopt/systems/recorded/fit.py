@@ -48,11 +48,11 @@ with on_use():
 
     from wormopt.fitting.estimate import Fit
     from wormopt.fitting.fit import fit
-    from wormopt.fitting.inference.identifiability import Identifiability, identifiability
-    from wormopt.fitting.inference.posterior import Posterior, posterior
-    from wormopt.fitting.inference.prediction import Prediction, predict
-    from wormopt.fitting.inference.profile import Profile, profile
-    from wormopt.fitting.inference.whiteness import Whiteness, whiteness
+    from wormopt.fitting.identifiability import Identifiability, identifiability
+    from wormopt.fitting.noise import Whiteness, whiteness
+    from wormopt.fitting.posterior import Posterior, posterior
+    from wormopt.fitting.prediction import Prediction, predict
+    from wormopt.fitting.profile import Profile, profile
     from wormopt.fitting.task import FitTask
     from wormopt.fitting.unknowns import Unknown
     from wormopt.model.model import Model

@@ -50,7 +50,7 @@ with on_use():
     import numpy as np
     from scipy.optimize import least_squares
 
-    from wormopt.fitting.uncertainty import covariance_of, held_at, offset_of, spectrum
+    from wormopt.fitting.information import covariance_of, held_at, offset_of, spectrum
     from wormopt.systems.recorded.numbers_task import Looked, NumbersTask
 
 # Smallest relative reduction of a prior error that counts as informed by the measurements.

@@ -11,12 +11,12 @@ from typing import Literal
 
 from wormopt.errors import Fault, SceneError
 from wormopt.files import is_there
+from wormopt.quantities import scale
 from wormopt.study import Given, entry, on_use
 from wormopt.study.scene import packaged_folder
 from wormopt.study.types import Title
 from wormopt.systems.recorded.tables import FiniteOrList, Span, near
 from wormopt.tables import Wrong, read_table
-from wormopt.units import scale
 
 with on_use():
     import numpy as np

@@ -12,18 +12,16 @@ from typing import Any, NoReturn, TypeVar
 import casadi as ca
 import numpy as np
 
-from wormopt.control.loop import feed
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import feed, gait_reference
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.fitting.recording import Recording, guesses, unwrapped
 from wormopt.model.gait import Gait
 from wormopt.model.given import fields_of
 from wormopt.model.model import Model, Output, Signal
-from wormopt.quantities import UNITS, unit_of
+from wormopt.quantities import UNITS, parsed, scale, unit_of
 from wormopt.study import Study
 from wormopt.systems.recorded.recording_file import Columns, RecordingFile, entry_of
 from wormopt.systems.recorded.tables import near, scene_of
-from wormopt.units import parsed, scale
 
 _DRIVE = "recorded"
 FileT = TypeVar("FileT", bound=RecordingFile)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Spike
 from wormopt.model.gait import Gait

@@ -17,8 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.numerics.linear_program import LinearProgram, Maximum, Rows
-from wormopt.numerics.mixed_program import Mixed, maximise_mixed
+from wormopt.numerics.linear_program import LinearProgram, Maximum, Mixed, Rows, maximise_mixed
 from wormopt.progress import Report, silent
 from wormopt.systems.peristaltic.anchored.ceilings import ModeBound, mode_bound
 from wormopt.systems.peristaltic.anchored.gait import AnchoredGait, order_of, table_of, wave_order

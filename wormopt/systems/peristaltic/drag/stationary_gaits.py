@@ -14,8 +14,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from wormopt.model.boundary import BoundaryProblem
-from wormopt.numerics.boundary_values import solve_boundary
+from wormopt.numerics.boundary_values import BoundaryProblem, solve_boundary
 from wormopt.ocp.motion import Motion
 from wormopt.systems.peristaltic.drag.large_gaits import DragAim
 

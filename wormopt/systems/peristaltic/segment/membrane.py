@@ -20,8 +20,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.model.boundary import BoundaryProblem
-from wormopt.numerics.boundary_values import BoundarySolution, solve_boundary
+from wormopt.numerics.boundary_values import BoundaryProblem, BoundarySolution, solve_boundary
 from wormopt.systems.peristaltic.segment.rubber import curvatures, slopes
 
 Given = Literal["pressure", "volume"]

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Contact, Model, Output, Signal
-from wormopt.model.path import ParameterPath
-from wormopt.model.schedule import Schedule
+from wormopt.model.schedule import ParameterPath, Schedule
 from wormopt.model.values import numbers, numbers_of
 from wormopt.systems.planar.body.obstacles import Disc, Wall
 from wormopt.systems.planar.body.shape import Heading

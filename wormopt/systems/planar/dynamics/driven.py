@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import Reference, gait_reference
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wormopt.numerics.bilinear import BilinearProgram, Climb
-from wormopt.numerics.linearised import Point
+from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
 from wormopt.systems.shared.sequences import canonical, mirrored
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.search.orders import is_mirror_symmetric

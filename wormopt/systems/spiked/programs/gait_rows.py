@@ -16,9 +16,7 @@ from functools import cached_property
 import numpy as np
 from msgspec import structs
 
-from wormopt.numerics.bilinear import BilinearProgram
-from wormopt.numerics.bilinear_rows import BilinearRows, Product, Term
-from wormopt.numerics.linearised import Excess
+from wormopt.numerics.bilinear import BilinearProgram, BilinearRows, Excess, Product, Term
 from wormopt.systems.shared.sequences import Resting, Sequence_
 from wormopt.systems.spiked.gait_problem import GaitProblem
 from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits, scaled
