@@ -22,17 +22,18 @@ from wormopt.result import Result
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.pair import pair_waveform, waveform
-from wormopt.systems.pair.averaged import steady_pair
-from wormopt.systems.pair.driven_pair import (
+from wormopt.systems.pair.exact import magnetic_pair
+from wormopt.systems.pair.slow import steady_pair
+from wormopt.systems.pair.waveform import (
     FADED,
     FieldAim,
     FieldLimits,
     best_harmonic,
+    first_harmonic,
     push_left,
     settle,
+    waveform_problem,
 )
-from wormopt.systems.pair.exact import magnetic_pair
-from wormopt.systems.pair.waveform import first_harmonic, waveform_problem
 
 NAME, EPS = "pair_waveform_design", 0.0355
 NU = math.sqrt(2) + 0.5 * EPS

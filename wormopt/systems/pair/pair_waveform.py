@@ -50,18 +50,16 @@ with on_use():
     from wormopt.ocp.motion import Guess, Motion
     from wormopt.ocp.optimise import Optimum
     from wormopt.systems.chain import law_of
-    from wormopt.systems.pair.driven_pair import (
+    from wormopt.systems.pair.exact import magnetic_pair, scaled_law
+    from wormopt.systems.pair.waveform import (
         FADED,
         MOST_PERIODS,
         FieldAim,
         FieldLimits,
         Harmonic,
-        best_harmonic,
-    )
-    from wormopt.systems.pair.exact import magnetic_pair, scaled_law
-    from wormopt.systems.pair.waveform import (
         Proof,
         best_field,
+        best_harmonic,
         check_strain,
         field_course,
         first_field,

@@ -8,7 +8,7 @@ from wormopt.errors import Fault
 from wormopt.study import Given, number, on_use, positive
 
 with on_use():
-    from wormopt.systems.peristaltic.segment.segment import Segment
+    from wormopt.systems.peristaltic.segment import Segment
 
 
 class SegmentTable(Given):

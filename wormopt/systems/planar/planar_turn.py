@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
-from wormopt.errors import Fault
 from wormopt.study import (
     Given,
     array,
     check,
     entry,
-    number,
     on_use,
     parts,
     positive,
@@ -23,52 +19,17 @@ from wormopt.study import (
     whole,
 )
 from wormopt.systems.planar.crawls import Crawling, Signals, over_cycles, signals_of
+from wormopt.systems.planar.turning import TurnInPlace, heading_rate_bound
 
 with on_use():
     import numpy as np
 
     from wormopt.model.planar_friction import Elliptic
-    from wormopt.systems.planar.body.se2 import rotate
-    from wormopt.systems.planar.body.shape import chain_shape
     from wormopt.systems.planar.crawling.crawl import Crawl, crawl
-    from wormopt.systems.planar.turning import TurnInPlace, heading_rate_bound
+    from wormopt.systems.planar.poses import rotate
+    from wormopt.systems.planar.shape import chain_shape
 
 _ANGLES = 201
-
-
-class Turner(Given):
-    """A worm of two links that exchange lengths, on ground with equal resistance everywhere."""
-
-    end_friction: float = positive("force", "friction *F* of masses 0 and 2")
-    middle_friction: float = positive("force", "friction *F*<sub>1</sub> of mass 1")
-    short: float = positive("length", "length *l*<sub>2</sub> of the link that swings")
-    long: float = positive("length", "length *l*<sub>1</sub> of the link that rests")
-    straight: float = number("rad", "joint angle at which the swing begins, within ±π")
-    bent: float = number("rad", "joint angle at which the swing ends, within ±π")
-
-    def gait(self) -> TurnInPlace:
-        """Return the gait of this worm."""
-        return TurnInPlace(**{name: getattr(self, name) for name in self.__struct_fields__})
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield lengths that are too close, angles beyond ±π, and a swing that does not move."""
-        if not self.short < self.long:
-            yield (
-                "short",
-                f"{self.short:g} is not below worm.long, {self.long:g}; with equal links the "
-                "swinging link is not determined; write a smaller number",
-            )
-        elif self.long - self.short < 1e-6 * self.long:
-            yield (
-                "short",
-                "too close to worm.long to determine numerically which link swings; "
-                f"write {0.999 * self.long:g}, say",
-            )
-        for name in ("straight", "bent"):
-            if abs(getattr(self, name)) >= math.pi:
-                yield name, "beyond the range of a joint; write an angle within ±π"
-        if self.straight == self.bent:
-            yield "bent", "equals worm.straight, so the joint does not swing; write another"
 
 
 class Rate(Given):
@@ -127,16 +88,11 @@ class PlanarTurn(Crawling, kind="planar-turn"):
     }
     headline: ClassVar = ("heading_rate", "heading_rate_bound", "gap", "turn", "work")
 
-    worm: Turner = entry("the worm and its gait")
+    worm: TurnInPlace = entry("the worm and its gait")
     rate: Rate = entry("largest rates of the shape")
     cycles: int = whole(1, 100, "number of gaits shown", default=2)
 
     # -- computing ---------------------------------------------------------------------------------
-
-    @cached_property
-    def gait(self) -> TurnInPlace:
-        """The gait of the worm."""
-        return self.worm.gait()
 
     @property
     def durations(self) -> tuple[float, float]:
@@ -155,13 +111,13 @@ class PlanarTurn(Crawling, kind="planar-turn"):
         """Return the crawl over a gait."""
         ends, middle = self.worm.end_friction, self.worm.middle_friction
         laws = [Elliptic(f, f, f) for f in (ends, middle, ends)]
-        return crawl(chain_shape(2), laws, self.gait.stroke)
+        return crawl(chain_shape(2), laws, self.worm.stroke)
 
     # -- results -----------------------------------------------------------------------------------
 
     @parts(Turned)
     def turned(self) -> Turned:
-        gait, done = self.gait, self.crawl
+        gait, done = self.worm, self.crawl
         turn, middle = done.displacement[2], np.array([-gait.long, 0.0])
         drift = float(np.hypot(*(done.displacement[:2] + rotate(turn, middle) - middle)))
         rate, bound = abs(float(turn)) / self.duration, heading_rate_bound(self.rate.joint)
@@ -199,14 +155,14 @@ class PlanarTurn(Crawling, kind="planar-turn"):
 
     @array("share", "swing", "share of available friction the long link needs")
     def hold_by_angle(self) -> np.ndarray:
-        return self.gait.swing_hold(self.swing_angle)
+        return self.worm.swing_hold(self.swing_angle)
 
     # -- the trust report --------------------------------------------------------------------------
 
     @property
     def holds(self) -> bool:
         """Whether the conditions of rest hold during the whole gait."""
-        return self.gait.holds
+        return self.worm.holds
 
     @check(
         1e-8,

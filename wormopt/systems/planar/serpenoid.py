@@ -20,9 +20,8 @@ from scipy.special import j0, jn_zeros
 
 from wormopt.errors import ArgumentError
 from wormopt.numerics.collocation import Collocation
-from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.swimming.stroke import Swim, swim
-from wormopt.systems.planar.swimming.swimmer import Swimmer
+from wormopt.systems.planar.shape import chain_shape
+from wormopt.systems.planar.swimming.swimmer import Swim, Swimmer, swim
 
 Ground = Literal["viscous", "elliptic", "unit"]
 """Drag proportional to velocity; dry friction by an ellipse; by the direction of motion alone."""

@@ -8,33 +8,20 @@ swing back, swap turns the body by minus the swing, without displacement.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
 
-import numpy as np
+from wormopt.errors import Fault
+from wormopt.study import Given, number, on_use, positive
 
-from wormopt.errors import ArgumentError
-from wormopt.systems.planar.body.strokes import Polygon
+with on_use():
+    import numpy as np
+
+    from wormopt.systems.planar.shape import Polygon
 
 
-@dataclass(frozen=True)
-class TurnInPlace:
-    """Gait of a worm of two links that turns in place.
-
-    Theory: docs/theory-planar.md, section 4.
-
-    Parameters
-    ----------
-    end_friction, middle_friction : float
-        Isotropic resistances F of masses 0 and 2, and F1 of mass 1.
-    short, long : float
-        Lengths of the link that swings and of the link that rests.
-    straight, bent : float
-        Joint angles between which it swings, in rad, within ±pi.
-
-    Raises
-    ------
-    ArgumentError
-        If a value is not positive, the long link is the shorter one, or an angle is too large.
+class TurnInPlace(Given, kw_only=False):
+    """A worm of two links that exchange lengths, on ground with equal resistance everywhere.
 
     Examples
     --------
@@ -43,20 +30,32 @@ class TurnInPlace:
     (True, -1.0, 3.0)
     """
 
-    end_friction: float  # F of masses 0 and 2
-    middle_friction: float  # F1
-    short: float
-    long: float
-    straight: float  # angle of the joint at which the swing begins
-    bent: float  # joint angle at which the swing ends
+    end_friction: float = positive("force", "friction *F* of masses 0 and 2")
+    middle_friction: float = positive("force", "friction *F*<sub>1</sub> of mass 1")
+    short: float = positive("length", "length *l*<sub>2</sub> of the link that swings")
+    long: float = positive("length", "length *l*<sub>1</sub> of the link that rests")
+    straight: float = number("rad", "joint angle at which the swing begins, within ±π")
+    bent: float = number("rad", "joint angle at which the swing ends, within ±π")
 
-    def __post_init__(self) -> None:
-        if min(self.end_friction, self.middle_friction, self.short) <= 0:
-            raise ArgumentError("resistances and lengths must be above 0")
-        if self.long < self.short:
-            raise ArgumentError(f"the long link, {self.long:g}, is shorter than {self.short:g}")
-        if not max(abs(self.straight), abs(self.bent)) < np.pi:
-            raise ArgumentError("joint angles must be within ±pi")
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield lengths that are too close, angles beyond ±π, and a swing that does not move."""
+        if not self.short < self.long:
+            yield (
+                "short",
+                f"{self.short:g} is not below long, {self.long:g}; with equal links the "
+                "swinging link is not determined; write a smaller number",
+            )
+        elif self.long - self.short < 1e-6 * self.long:
+            yield (
+                "short",
+                "too close to long to determine numerically which link swings; "
+                f"write {0.999 * self.long:g}, say",
+            )
+        for name in ("straight", "bent"):
+            if abs(getattr(self, name)) >= math.pi:
+                yield name, "beyond the range of a joint; write an angle within ±π"
+        if self.straight == self.bent:
+            yield "bent", "equals straight, so the joint does not swing; write another"
 
     @property
     def stroke(self) -> Polygon:
