@@ -27,7 +27,8 @@ from wormopt.systems.peristaltic.membranes import (
     free_stretch,
     loading_at,
 )
-from wormopt.systems.peristaltic.segment import Segment, Tube, curvatures, density, slopes
+from wormopt.systems.peristaltic.segment import Segment, curvatures, density, slopes
+from wormopt.systems.peristaltic.tables import Tube
 
 NAMES = ("L", "R", "h", "G", "c", "a", "lam", "th", "p", "R_t", "N")
 CA = {name: ca.SX.sym(name) for name in NAMES}

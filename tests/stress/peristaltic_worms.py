@@ -23,7 +23,8 @@ from wormopt.quantities import GRAVITY
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.peristaltic.chain import Bed, Body, DragGround, DryGround, peristaltic_worm
 from wormopt.systems.peristaltic.crawl import crawl, switched_wave
-from wormopt.systems.peristaltic.segment import Segment, Tube
+from wormopt.systems.peristaltic.segment import Segment
+from wormopt.systems.peristaltic.tables import Tube
 
 _MU0 = 4e-7 * math.pi
 _STEP = 1e-30

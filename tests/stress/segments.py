@@ -29,7 +29,8 @@ from wormopt.systems.peristaltic.membranes import (
     limit_of_inflation,
     range_of_fill,
 )
-from wormopt.systems.peristaltic.segment import Segment, Tube, WoundSegment
+from wormopt.systems.peristaltic.segment import Segment, WoundSegment
+from wormopt.systems.peristaltic.tables import Tube
 
 _MU0 = 4e-7 * math.pi
 _STEP = 1e-30

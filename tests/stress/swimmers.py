@@ -24,11 +24,11 @@ from wormopt.model.planar_friction import Elliptic
 from wormopt.systems.planar.crawling.crawl import crawl
 from wormopt.systems.planar.crawling.velocity import crawl_velocity
 from wormopt.systems.planar.kinematic import Constraints, kinematic_motion
+from wormopt.systems.planar.planar_turn import swing_hold
 from wormopt.systems.planar.poses import circle_of, compose
 from wormopt.systems.planar.serpenoid import STEEPEST, best_serpenoid, serpenoid_speed
 from wormopt.systems.planar.shape import Harmonics, Polygon, chain_shape
 from wormopt.systems.planar.swimming.swimmer import Swimmer, swim
-from wormopt.systems.planar.turning import swing_hold
 
 Rates = Callable[[float, np.ndarray], np.ndarray]
 

@@ -25,7 +25,8 @@ from wormopt.systems.peristaltic.anchored_fastest import (
     mode_bound,
 )
 from wormopt.systems.peristaltic.plots.anchored import FRAMES, pose
-from wormopt.systems.peristaltic.segment import Anchoring, Segment, Tube
+from wormopt.systems.peristaltic.segment import Anchoring, Segment
+from wormopt.systems.peristaltic.tables import Tube
 from wormopt.systems.spiked.construct import block_wave
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.search.orders import ceiling as ceiling_of_spikes

@@ -41,7 +41,8 @@ from wormopt.systems.peristaltic.crawl import (
     second_route,
     switched_wave,
 )
-from wormopt.systems.peristaltic.segment import Anchoring, Segment, Tube
+from wormopt.systems.peristaltic.segment import Anchoring, Segment
+from wormopt.systems.peristaltic.tables import Tube
 from wormopt.systems.peristaltic.worm import Holding
 
 SEGMENT = Segment(20e-3, 5e-3, 0.3e-3, 20e3)  # the set of numbers that works, theory section 6

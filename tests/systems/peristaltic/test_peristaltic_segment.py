@@ -44,12 +44,12 @@ from wormopt.systems.peristaltic.membranes import (
 from wormopt.systems.peristaltic.peristaltic_segment import wall_work_error
 from wormopt.systems.peristaltic.segment import (
     Segment,
-    Tube,
     WoundSegment,
     curvatures,
     density,
     slopes,
 )
+from wormopt.systems.peristaltic.tables import Tube
 
 SCENE, RUBBER = "peristaltic_segment", "peristaltic_rubber"
 SOFT = Segment(20e-3, 5e-3, 0.3e-3, 20e3)

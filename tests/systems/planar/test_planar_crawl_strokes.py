@@ -21,8 +21,8 @@ from wormopt.systems.planar.crawling.recheck import (
     record,
 )
 from wormopt.systems.planar.crawling.velocity import Crawler
+from wormopt.systems.planar.planar_turn import TurnInPlace, heading_rate_bound
 from wormopt.systems.planar.poses import compose, inverse
-from wormopt.systems.planar.turning import TurnInPlace, heading_rate_bound
 
 P = wo.planar
 SEEDS = st.integers(0, 10**6)

@@ -430,46 +430,12 @@ def coil_film(
 ) -> Model:
     """Build the Model of a film over a row of coils, with their currents as input.
 
-    Parameters
-    ----------
-    layer : Layer
-        The film and its cells.
-    row : CoilRow
-        The coils, the first at x = 0.
-    ground : float
-        Height of the ground under the film above the middle of the coils or of their gap, in m.
-    top : float
-        Largest thickness expected, in m; the field is resolved up to it.
-    own_field : bool, optional
-        Whether the fluid reduces the field across it, as in a flat layer.
-    cargo : Float, optional
-        A float on the film.
-
-    Returns
-    -------
-    Model
-        The state is ``volume`` to the left of the faces between cells, less that of a flat film;
-        the input is ``current``, ampere-turns of each coil; outputs are ``thickness`` in the cells
-        and ``flow`` (Q) on the faces. A float adds those of `floated_film`.
-
-    Raises
-    ------
-    ArgumentError
-        If a winding is in the film, or too near to it.
-
-    Examples
-    --------
-    >>> import wormopt as wo
-    >>> from wormopt.magnetics.hydrostatics import Fluid, Linear
-    >>> from wormopt.systems.coils.film import Layer
-    >>> row = wo.magnetics.CoilRow(
-    ...     wo.magnetics.Coil(2e-3, 4.5e-3, 5e-3), count=2, pitch=10e-3, axis="vertical"
-    ... )
-    >>> layer = Layer(Fluid(1200.0, 0.03, Linear(0.35)), 0.05, 1e-3, 0.03, 30, start=-0.01)
-    >>> film = coil_film(layer, row, ground=5e-3, top=3e-3)
-    >>> motion = wo.simulate(film, 0.1, p={"current": [200.0, 0.0]}, route="cvodes")
-    >>> bool(motion["thickness"][:, -1].argmax() == 9)
-    True
+    The first coil is at x = 0; the `ground` under the film is above the middle of the coils or of
+    their gap, and the field is resolved up to the largest thickness `top`. The state is ``volume``
+    to the left of the faces between cells, less that of a flat film; the input is ``current``,
+    ampere-turns of each coil; outputs are ``thickness`` in the cells and ``flow`` (Q) on the faces.
+    A float adds those of `floated_film`. With `own_field` the fluid reduces the field across it, as
+    in a flat layer. ArgumentError if a winding is in the film, or too near to it.
     """
     if not (math.isfinite(ground) and top > layer.depth):
         raise ArgumentError("ground must be finite, and top above the depth")

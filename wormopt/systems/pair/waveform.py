@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -30,6 +29,7 @@ from wormopt.progress import Report
 from wormopt.simulation.options import Exact
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.pair.tables import Aim
 
 FADED = 0.5
 """Largest share of a small push that may remain."""
@@ -74,25 +74,6 @@ class FieldLimits:
     def period(self) -> tuple[float, float]:
         """Shortest and longest period."""
         return 2 * math.pi / self.frequency[1], 2 * math.pi / self.frequency[0]
-
-
-@dataclass(frozen=True)
-class FieldAim:
-    """Objective of a waveform.
-
-    Least work without a least speed raises ArgumentError, since a pair at rest needs no work.
-    """
-
-    # mean speed; None: least work of the field per distance
-    maximise: Literal["speed"] | None = "speed"
-    speed: float | None = None  # least mean speed
-
-    def __post_init__(self) -> None:
-        if self.maximise is None and not (self.speed or 0.0) > 0:
-            raise ArgumentError(
-                "speed is missing, and without it the cheapest motion is rest; give a least speed "
-                "above 0"
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +216,7 @@ def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> f
     return least
 
 
-def best_harmonic(pair: Model, limits: FieldLimits, aim: FieldAim, report: Report) -> Harmonic:
+def best_harmonic(pair: Model, limits: FieldLimits, aim: Aim, report: Report) -> Harmonic:
     """Find the best harmonic field within the limits of a waveform.
 
     Mean: the middle of the range; amplitude: the largest allowed, or the smallest with the required
@@ -259,7 +240,7 @@ def best_harmonic(pair: Model, limits: FieldLimits, aim: FieldAim, report: Repor
     return replace(best, orbit=replace(last, periods=last.periods + best.orbit.periods))
 
 
-def _at(pair: Model, limits: FieldLimits, aim: FieldAim, frequency: float) -> Harmonic:
+def _at(pair: Model, limits: FieldLimits, aim: Aim, frequency: float) -> Harmonic:
     """The best amplitude at one frequency."""
     low, high = limits.field
     mean, whole = (low + high) / 2, (high - low) / 2
@@ -318,7 +299,7 @@ def _edge(
     return holds
 
 
-def _merit(harmonic: Harmonic, aim: FieldAim) -> float:
+def _merit(harmonic: Harmonic, aim: Aim) -> float:
     if not harmonic.kept:
         return -math.inf
     if aim.maximise:
@@ -346,7 +327,7 @@ _TOPS, _OTHERS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 4
 # -- the problem -----------------------------------------------------------------------------------
 
 
-def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem:
+def waveform_problem(pair: Model, limits: FieldLimits, aim: Aim) -> Problem:
     """State the periodic motion of a pair in the best field, with mass 0 at 0 at the start.
 
     Velocities repeat, positions repeat up to the advance. Net work of the field: friction's loss.
@@ -465,7 +446,7 @@ def first_field(given: Model, limits: FieldLimits, harmonic: Harmonic, report: R
     lower = [
         replace(limits, field=(low, low + top * (high - low)), frequency=(nu, nu)) for top in _TOPS
     ]
-    found = [best_harmonic(given, part, FieldAim(), report) for part in lower]
+    found = [best_harmonic(given, part, Aim(maximise="speed"), report) for part in lower]
     kept = [lowered for lowered in found if lowered.kept]
     return max(kept, key=lambda lowered: lowered.orbit.speed, default=harmonic)
 

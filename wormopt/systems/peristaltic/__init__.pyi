@@ -18,4 +18,4 @@ from wormopt.systems.peristaltic.drag_gaits import DragAim as DragAim
 from wormopt.systems.peristaltic.drag_gaits import best_gait as best_gait
 from wormopt.systems.peristaltic.drag_gaits import small_gaits as small_gaits
 from wormopt.systems.peristaltic.segment import Segment as Segment
-from wormopt.systems.peristaltic.segment import Tube as Tube
+from wormopt.systems.peristaltic.tables import Tube as Tube

@@ -27,7 +27,8 @@ from wormopt.model.friction import Coulomb, Viscous
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.values import numbers
 from wormopt.quantities import GRAVITY
-from wormopt.systems.peristaltic.segment import Anchoring, Segment, Tube
+from wormopt.systems.peristaltic.segment import Anchoring, Segment
+from wormopt.systems.peristaltic.tables import Tube
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import Pair, wrong_order
-from wormopt.systems.peristaltic.tables import SegmentTable
+from wormopt.systems.peristaltic.tables import SegmentTable, Tube
 from wormopt.systems.shared.studies import SIStudy, refused_at
 
 with on_use():
@@ -46,7 +46,7 @@ with on_use():
         limit_of_inflation,
         range_of_fill,
     )
-    from wormopt.systems.peristaltic.segment import Segment, Tube, WoundSegment, density, slopes
+    from wormopt.systems.peristaltic.segment import Segment, WoundSegment, density, slopes
 
 _ACCEPTED = 1e-9
 _NONE = 1e-9  # a reserve below this share counts as none
@@ -80,13 +80,6 @@ class Fluid(Given):
 
     density: float = positive("density", "density of the fluid", default=1200.0)
     chi: float = positive("1", "susceptibility", default=0.35)
-
-
-class TubeTable(Given):
-    """A rigid tube around the segment."""
-
-    radius: float = positive("length", "inner radius; above `segment.radius`")
-    friction: float = number("1", "Coulomb coefficient on the membrane", least=0, default=0.3)
 
 
 class Winding(Given):
@@ -280,7 +273,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     load: float = number(
         "force", "drag on the ends, which the segment must overcome and hold", least=0, default=0.0
     )
-    pipe: TubeTable | None = entry("the tube; none if left out", default=None)
+    pipe: Tube | None = entry("the tube; none if left out", default=None)
     winding: Winding | None = entry("the real coil; none if left out", default=None)
     inflation: Inflation | None = entry("a given pressure; none if left out", default=None)
     stretches: Pair = entry(
@@ -392,7 +385,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     def walls(self) -> Tube:
         """The tube, where there is one."""
         assert self.pipe
-        return Tube(self.pipe.radius, self.pipe.friction)
+        return self.pipe
 
     @parts(Hold, when="pipe")
     def hold(self) -> Hold:

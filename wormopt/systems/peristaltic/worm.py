@@ -31,7 +31,7 @@ from wormopt.study import (
     warnings,
     whole,
 )
-from wormopt.systems.peristaltic.tables import SegmentTable
+from wormopt.systems.peristaltic.tables import SegmentTable, Tube
 from wormopt.systems.shared.declared import EVENTS
 from wormopt.systems.shared.studies import SIStudy
 
@@ -60,7 +60,7 @@ with on_use():
         stored,
         switched_wave,
     )
-    from wormopt.systems.peristaltic.segment import Segment, Tube
+    from wormopt.systems.peristaltic.segment import Segment
     from wormopt.systems.shared.signals import event_arrays
 
 _MU0 = 4e-7 * math.pi

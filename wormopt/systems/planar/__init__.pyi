@@ -19,6 +19,7 @@ from wormopt.systems.planar.path.simulate import simulate_path as simulate_path
 from wormopt.systems.planar.path.steps import Library as Library
 from wormopt.systems.planar.path.steps import gait_family as gait_family
 from wormopt.systems.planar.path.task import PathTask as PathTask
+from wormopt.systems.planar.planar_turn import TurnInPlace as TurnInPlace
 from wormopt.systems.planar.poses import compose as compose
 from wormopt.systems.planar.serpenoid import serpenoid_speed as serpenoid_speed
 from wormopt.systems.planar.shape import Harmonics as Harmonics
@@ -29,4 +30,3 @@ from wormopt.systems.planar.swimming.best import best_stroke as best_stroke
 from wormopt.systems.planar.swimming.best import heights as heights
 from wormopt.systems.planar.swimming.swimmer import Swimmer as Swimmer
 from wormopt.systems.planar.swimming.swimmer import swim as swim
-from wormopt.systems.planar.turning import TurnInPlace as TurnInPlace

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.poses import Travel, compose, rotate, travel
 from wormopt.systems.planar.shape import Shape, Stroke
 
@@ -451,15 +452,7 @@ def _least(inverse: Callable[[np.ndarray], np.ndarray], a: float, b: float) -> t
 _RESTS = 1e-11  # over the fastest mass; slower ones rest, where dry friction is not determined
 
 
-class Slips(Protocol):
-    """A law of the ground with a force of sliding: dry or viscous."""
-
-    def slip_force(self, v: ca.SX) -> ca.SX:
-        """Return the force of sliding with velocity ``v`` (2)."""
-        ...
-
-
-Ground = Slips | Sequence[Slips | None] | None
+Ground = PlanarLaw | Sequence[PlanarLaw | None] | None
 """Law of all masses, or of each; None if the ground does not resist."""
 
 
@@ -501,27 +494,10 @@ class Loads:
 def loads(motion: KinematicMotion, ground: Ground, tau: np.ndarray | None = None) -> Loads:
     """Return the loads of pins and skids, for given friction of sliding masses.
 
-    Parameters
-    ----------
-    motion : KinematicMotion
-        The motion.
-    ground : law, sequence of laws or None
-        Resistance to sliding of all masses, or of each; None for no resistance. A pin has no
-        friction beside its load; a skid has that along its heading.
-    tau : ndarray, shape (m,), optional
-        Phases; those of the quadrature if left out, with which ``power`` integrates to the work.
+    `ground` is the law of all masses, or of each; a pin has no friction beside its load, a skid has
+    that along its heading. Without phases `tau` (m,) those of the quadrature are used, with which
+    ``power`` integrates to the work.
 
-    Returns
-    -------
-    Loads
-
-    Raises
-    ------
-    ArgumentError
-        If the number of laws is not that of the masses.
-
-    Notes
-    -----
     Force and moment balance without inertia. Three rows of constraints are statically determined;
     each further one leaves a load undetermined. The force on a mass that rests on dry ground
     without a pin is undetermined too; it counts as none, and the instant as not determined.
@@ -596,7 +572,7 @@ def _laws(shape: Shape, ground: Ground) -> list[ca.Function | None]:
     return [None if law is None else _function(law) for law in laws]
 
 
-def _function(law: Slips) -> ca.Function:
+def _function(law: PlanarLaw) -> ca.Function:
     v = ca.SX.sym("v", 2)
     return ca.Function("slip", [v], [law.slip_force(v)])
 

@@ -39,36 +39,14 @@ def compose(first: ArrayLike, then: ArrayLike) -> np.ndarray:
 
 
 def inverse(pose: ArrayLike) -> np.ndarray:
-    """Return the inverse of a displacement.
-
-    Parameters
-    ----------
-    pose : array_like, shape (..., 3)
-        x, y and angle (in rad).
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-    """
+    """Return the inverse of displacements (..., 3): x, y and angle."""
     g = np.asarray(pose, dtype=float)
     back = -rotate(-g[..., 2], g[..., :2])
     return np.concatenate([back, -g[..., 2:]], axis=-1)
 
 
 def rotate(angle: ArrayLike, vectors: ArrayLike) -> np.ndarray:
-    """Rotate vectors to the left.
-
-    Parameters
-    ----------
-    angle : array_like, shape (...,)
-        Angles in rad.
-    vectors : array_like, shape (..., 2)
-        Vectors.
-
-    Returns
-    -------
-    ndarray, shape (..., 2)
-    """
+    """Rotate vectors (..., 2) to the left by angles (...,) in rad."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = np.moveaxis(np.asarray(vectors, dtype=float), -1, 0)
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
@@ -83,23 +61,9 @@ class Circle:
 
 
 def circle_of(displacement: ArrayLike) -> Circle | None:
-    """Return the circle of a repeated displacement; None if it does not turn.
+    """Return the circle of a repeated displacement (3,); None if it does not turn.
 
-    Parameters
-    ----------
-    displacement : array_like, shape (3,)
-        x, y and angle (in rad) of one repetition.
-
-    Returns
-    -------
-    Circle or None
-        Its radius is |d| / (2 |sin(angle / 2)|).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> round(circle_of([1.0, 1.0, np.pi / 2]).radius, 12)
-    1.0
+    Its radius is |d| / (2 |sin(angle / 2)|).
     """
     x, y, angle = np.asarray(displacement, dtype=float).tolist()
     half = np.sin(angle / 2)

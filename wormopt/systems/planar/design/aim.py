@@ -21,85 +21,32 @@ from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 @dataclass(frozen=True, eq=False)
 class Dry:
-    """Dry friction with maximal dissipation on every mass.
-
-    Parameters
-    ----------
-    laws : tuple of Elliptic
-        Laws of the masses, head first, or one for all.
-
-    Examples
-    --------
-    >>> from wormopt.model.planar_friction import Elliptic
-    >>> Dry((Elliptic(1.0, 1.0, sideways=3.0),)).most
-    3.0
-    """
+    """Dry friction with maximal dissipation on every mass, head first, or one law for all."""
 
     laws: tuple[Elliptic, ...]
 
     def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
         """Return the sum of sqrt(psi² + width²) less the width, which the twist minimises.
 
-        Parameters
-        ----------
-        shape : Shape
-            The body.
-        width : casadi.SX
-            Power below which friction is smooth.
-
-        Returns
-        -------
-        casadi.SX
-            Expression in the shape, its rates and the twist.
+        It is an expression in the shape, its rates and the twist; friction is smooth below the
+        power `width`.
         """
         laws = self.each_law(shape)
         squares = [_squared(law, shape.velocities[:, i]) for i, law in enumerate(laws)]
         return sum((ca.sqrt(one + width**2) - width for one in squares), start=ca.SX(0))
 
     def power(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Return the power dissipated by the ground, up to the width; smooth at rest.
-
-        Parameters
-        ----------
-        shape : Shape
-            The body.
-        width : casadi.SX
-            Power below which friction is smooth.
-
-        Returns
-        -------
-        casadi.SX
-        """
+        """Return the power dissipated by the ground, up to the width; smooth at rest."""
         return self.potential(shape, width)
 
     def each_law(self, shape: Shape) -> list[Elliptic]:
-        """Return the law of every mass.
-
-        Parameters
-        ----------
-        shape : Shape
-            The body.
-
-        Returns
-        -------
-        list of Elliptic
-        """
+        """Return the law of every mass."""
         if len(self.laws) not in (1, shape.n_points):
             raise ArgumentError(f"{shape.n_points} masses need as many laws, not {len(self.laws)}")
         return list(self.laws) * (shape.n_points if len(self.laws) == 1 else 1)
 
     def least_each(self, shape: Shape) -> np.ndarray:
-        """Return the least resistance of every mass.
-
-        Parameters
-        ----------
-        shape : Shape
-            The body.
-
-        Returns
-        -------
-        ndarray, shape (m,)
-        """
+        """Return the least resistance of every mass (m,)."""
         laws = self.each_law(shape)
         return np.array([min(_numbers(law)) for law in laws])
 
@@ -108,15 +55,6 @@ class Dry:
 
         With this mass at rest the body turns about it so that moments balance, and it carries the
         forces of the others, which it can. This motion has least power for any change of shape.
-
-        Parameters
-        ----------
-        shape : Shape
-            The body.
-
-        Returns
-        -------
-        int or None
         """
         laws = self.each_law(shape)
         least, most = self.least_each(shape), np.array([max(_numbers(law)) for law in laws])
@@ -141,57 +79,16 @@ class Dry:
 
 @dataclass(frozen=True, eq=False)
 class Viscous:
-    """Linear drag on rods and masses.
-
-    Parameters
-    ----------
-    swimmer : Swimmer
-        The body with its drags.
-
-    Raises
-    ------
-    ArgumentError
-        If the shape is not that of the swimmer.
-
-    Examples
-    --------
-    >>> from wormopt.systems.planar.shape import chain_shape
-    >>> Viscous(Swimmer(chain_shape(2), masses=(1.0, 3.0))).symmetric
-    True
-    """
+    """Linear drag on rods and masses; ArgumentError for another shape than the swimmer's."""
 
     swimmer: Swimmer
 
     def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Return half the power, which the twist minimises.
-
-        Parameters
-        ----------
-        shape : Shape
-            The swimmer's shape.
-        width : casadi.SX
-            Has no effect.
-
-        Returns
-        -------
-        casadi.SX
-        """
+        """Return half the power, which the twist minimises; the width has no effect."""
         return self.power(shape, width) / 2
 
     def power(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Return the power dissipated by the ground.
-
-        Parameters
-        ----------
-        shape : Shape
-            The swimmer's shape.
-        width : casadi.SX
-            Has no effect.
-
-        Returns
-        -------
-        casadi.SX
-        """
+        """Return the power dissipated by the ground; the width has no effect."""
         if shape is not self.swimmer.shape:
             raise ArgumentError("the shape is not that of the swimmer; give the same one")
         return self.swimmer.power

@@ -346,31 +346,8 @@ def stop_of(
 ) -> Stop:
     """Return the stop of a block that starts with a velocity other than 0 under a constant pull.
 
-    Parameters
-    ----------
-    law : Elliptic or AnisotropicCoulomb
-        Friction law with numbers.
-    mass : float
-        Mass of the block.
-    velocity, pull : (float, float)
-        Components along its heading, which is constant, and to its left.
-
-    Returns
-    -------
-    Stop
-
-    Raises
-    ------
-    SolveError
-        If the pull exceeds friction, so that it does not stop.
-
-    Examples
-    --------
-    A block is thrown across a pull of half its friction limit, with isotropic friction 2:
-
-    >>> stop = stop_of(Elliptic(2.0, 2.0, 2.0), 1.0, (0.0, 1.0), (1.0, 0.0))
-    >>> round(stop.time, 10), [round(x, 10) for x in stop.place]
-    (0.6666666667, [0.0833333333, 0.2666666667])
+    `velocity` and `pull` are components along its heading, which is constant, and to its left.
+    SolveError if the pull exceeds friction, so that it does not stop.
     """
     f, speed = pull, math.hypot(*velocity)
     square = 2 if isinstance(law, Elliptic) else 1

@@ -23,35 +23,11 @@ _POWER = "_power"
 
 
 def swing(plant: Model, period: float, courses: dict[str, Harmonics]) -> Model:
-    """Replace inputs of a plant by harmonics of time; the phase is 0 at time 0.
+    """Replace inputs of a plant, by name, by harmonics of time; the phase is 0 at time 0.
 
-    Parameters
-    ----------
-    plant : Model
-        Model with inputs of these names.
-    period : float
-        Period, positive.
-    courses : dict
-        Harmonics of each input, by its name; other inputs stay.
-
-    Returns
-    -------
-    Model
-        Outputs have the names of the inputs; mean and coefficients are parameters
-        ``<input>_mean``, ``<input>_cosine``, ``<input>_sine``, and the period is ``period``.
-
-    Raises
-    ------
-    ArgumentError
-        If an input does not exist, or has another size.
-
-    Examples
-    --------
-    >>> from wormopt.systems.planar.dynamics.chain import planar_chain
-    >>> worm = planar_chain(1, mass=1.0, stiffness=1.0, damping=0.0, rest_length=1.0)
-    >>> push = Harmonics([0.0], cosine=[[0.0]], sine=[[1.0]])
-    >>> [signal.name for signal in swing(worm, 2.0, {"input": push}).u]
-    []
+    Outputs have the names of the inputs. Parameters are the `period` and the mean and coefficients,
+    ``<input>_mean``, ``<input>_cosine``, ``<input>_sine``. ArgumentError if an input does not exist
+    or has another size.
     """
     known = {signal.name: signal for signal in plant.u}
     T = Signal("period", ca.SX.sym("period"), "time", value=float(period))

@@ -315,22 +315,9 @@ def simulate_path(
 
 
 def least_distance(course: np.ndarray, obstacles: Sequence[Obstacle], *, points: int = 41) -> float:
-    """Return the least distance of points along all links (m, n, 2) from obstacles.
+    """Return the least distance of points along all links, of masses (m, n, 2), from obstacles.
 
     It uses points alone, neither distances of segments nor bounds of the plan: a second route.
-
-    Parameters
-    ----------
-    course : ndarray, shape (m, n, 2)
-        Places of the masses.
-    obstacles : sequence of Obstacle
-        The obstacles.
-    points : int, optional
-        Points of each link.
-
-    Returns
-    -------
-    float
     """
     share = np.linspace(0.0, 1.0, points)[:, None]
     a, b = course[:, :-1, None], course[:, 1:, None]

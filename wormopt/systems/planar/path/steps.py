@@ -165,22 +165,8 @@ def kinematic_step(
 ) -> GaitStep:
     """Return a step of a motion that pins and skids determine.
 
-    Parameters
-    ----------
-    name : str
-        Name of the gait.
-    motion : KinematicMotion
-        The motion.
-    amplitude : float, optional
-        Amplitude within the family.
-    ground : law, sequence of laws or None, optional
-        Resistance to sliding, for the work.
-    rates : float or sequence of float, optional
-        Largest rates of the shape variables, which determine the duration.
-
-    Returns
-    -------
-    GaitStep
+    The `ground` resists sliding, for the work; the largest `rates` of the shape variables determine
+    the duration.
     """
     course, found = motion.course, loads(motion, ground)
     return swept(

@@ -53,18 +53,7 @@ class Heights:
     frame: Frame
 
     def at(self, s: ArrayLike) -> np.ndarray:
-        """Return the curvature at shapes.
-
-        Parameters
-        ----------
-        s : array_like, shape (m, 2)
-            Shapes.
-
-        Returns
-        -------
-        ndarray, shape (m, 3)
-            Displacement forward, to the left, and turn, per area of a small loop.
-        """
+        """Return displacement forward, to the left, and turn (m, 3), per area of a loop at `s`."""
         shapes = np.atleast_2d(np.asarray(s, dtype=float))
         return np.asarray(curvature(self.swimmer)(shapes.T)).T
 

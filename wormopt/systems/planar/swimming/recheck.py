@@ -42,25 +42,8 @@ def spectral_stroke(
 ) -> SpectralStroke:
     """Return the best stroke near the ellipse of the first harmonic of another stroke.
 
-    Parameters
-    ----------
-    swimmer : Swimmer
-        The body.
-    first : Harmonics
-        Its mean and first harmonic are the start.
-    drag : float
-        Drag of the straight body, for the efficiency.
-    orders : int, optional
-        Number of harmonics.
-
-    Returns
-    -------
-    SpectralStroke
-
-    Raises
-    ------
-    SolveError
-        If the search does not converge.
+    The mean and first harmonic of `first` are the start; `drag` is that of the straight body, for
+    the efficiency. SolveError if the search does not converge.
     """
     start = Harmonics(first.mean, first.cosine[:1], first.sine[:1])
     found = _climbed(swimmer, start, drag, orders)
