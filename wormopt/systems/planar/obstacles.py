@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Annotated, Protocol
+from typing import Annotated
 
 from msgspec import Meta
 
@@ -26,19 +26,6 @@ _FRICTION = number(
     least=0,
     default=0.0,
 )
-
-
-class Obstacle(Protocol):
-    """An obstacle in the plane that a body must not touch."""
-
-    def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return distances of segments from a (..., 2) to b (..., 2); 0 or below for overlaps."""
-        ...
-
-    @property
-    def disc(self) -> tuple[float, float, float]:
-        """Centre x and y, and radius, of a disc around it."""
-        ...
 
 
 class Disc(Given, kw_only=False, tag_field="shape", tag="disc"):
@@ -222,6 +209,10 @@ class Block(Given, kw_only=False, tag_field="shape", tag="block"):
         corners = np.array(self.corners)
         x, y = (corners.min(axis=0) + corners.max(axis=0)) / 2
         return x, y, float(np.hypot(*(corners - [x, y]).T).max())
+
+
+Obstacle = Disc | Wall | Capsule | Block
+"""An obstacle in the plane that a body must not touch."""
 
 
 def inside(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
