@@ -58,7 +58,7 @@ _OFF, _LOST = 1e-12, 1e-6
 _PARTS, _GAIN = (5, 3, 1), 1e-10
 _UNTIL, _AGAIN = Climb(tolerance=1e-12, steps=40), Climb(tolerance=1e-13, steps=15)
 # Gaits with more unknowns keep their links: lengthening would take as long as the design.
-_MOST_LENGTHENED = 250
+_MOST_LENGTHENED = 400
 
 
 def chosen(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]:
@@ -600,12 +600,17 @@ def _without_short_phases(trier: Trier, trial: Trial) -> Trial | None:
 
 def _one_repetition(trier: Trier, trial: Trial) -> Trial | None:
     sequence, durations = lasting(trial.sequence, trial.durations.tolist())
-    part = repetition(sequence)
-    if part == len(sequence):
-        return None
-    mean = np.reshape(durations, (-1, part)).mean(axis=0)
-    one = trier.near(sequence[:part], mean, trial.cycles * len(sequence) // part)
-    return one and _sharpen(trier, one, quickly=False)[0]
+    count, shortest = len(sequence), repetition(sequence)
+    found = None
+    for part in range(shortest, count, shortest):
+        if count % part:
+            continue
+        mean = np.reshape(durations, (-1, part)).mean(axis=0)
+        one = trier.near(sequence[:part], mean, trial.cycles * count // part)
+        found = one and _sharpen(trier, one, quickly=False)[0]
+        if found is not None and found.value >= trial.value - _TIE * abs(trial.value):
+            break
+    return found
 
 
 def _keeps(task: GaitProblem, trial: Trial) -> bool:
