@@ -22,7 +22,7 @@ from wormopt.systems.spiked.crawl import crawl as crawl
 from wormopt.systems.spiked.construct import fast_gait as fast_gait
 from wormopt.systems.spiked.construct import travelling_sine as travelling_sine
 from wormopt.model.gait import Gait as Gait
-from wormopt.systems.spiked.files import load_gait as load_gait
+from wormopt.systems.spiked.construct import load_gait as load_gait
 from wormopt.systems.spiked import stepper as stepper
 from wormopt.systems import peristaltic as peristaltic
 

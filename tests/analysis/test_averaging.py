@@ -35,9 +35,8 @@ from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.model.values import signal_values
 from wormopt.numerics.expressions import Call
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.pair.averaged import averaged_pair
 from wormopt.systems.pair.exact import magnetic_pair
-from wormopt.systems.pair.slow import from_slow, slow_pair, to_slow
+from wormopt.systems.pair.slow import averaged_pair, from_slow, slow_pair, to_slow
 from wormopt.systems.swinging.prescribed import harmonic_masses
 
 NU = OMEGA + 0.5 * EPS

@@ -21,8 +21,7 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model, pack
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait
-from wormopt.systems.spiked.driven import driven_worm
-from wormopt.systems.spiked.dynamics import spiked_worm
+from wormopt.systems.spiked.dynamics import driven_worm, spiked_worm
 
 PRIMES = (2.0, 3.0, 5.0, 7.0, 11.0, 13.0)
 LINKS = (1, 2, 3, 5)

@@ -18,7 +18,7 @@ from wormopt.files import MARK
 from wormopt.model.gait import Gait
 from wormopt.result import Result
 from wormopt.shown import one_line
-from wormopt.systems.spiked.files import gait_of_result
+from wormopt.systems.spiked.construct import gait_of_result
 from wormopt.systems.spiked.verify import in_steps
 from wormopt.version import VERSION
 

@@ -16,9 +16,8 @@ from wormopt.numerics.direct_search import evolve
 from wormopt.numerics.workers import Workers
 from wormopt.study.scene import load_scene
 from wormopt.systems.coils import coil_design
-from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.design import Task, neighbours
-from wormopt.systems.coils.layer import Layer
+from wormopt.systems.coils.film import Float, Layer
 from wormopt.systems.coils.patterns import (
     Form,
     Pattern,

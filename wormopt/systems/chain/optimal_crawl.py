@@ -39,8 +39,8 @@ from wormopt.study.numerics import MeshTable, Start
 from wormopt.study.types import Seed, per
 from wormopt.systems.chain.tables import Aim, ChainTable, CrawlLimits
 from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, over
+from wormopt.systems.shared.gravity import assumed, cost_of_transport
 from wormopt.systems.shared.optimal_motion import OptimalMotion
-from wormopt.systems.shared.transport import assumed, cost_of_transport
 from wormopt.systems.spiked import why_unreadable
 
 with on_use():

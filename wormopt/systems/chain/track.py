@@ -50,6 +50,7 @@ from wormopt.systems.shared.declared import (
     TRACKER_EVENTS,
     Scalars,
     Variables,
+    gait_arrays,
     over,
 )
 
@@ -79,7 +80,7 @@ with on_use():
         tracked_signals,
     )
     from wormopt.systems.shared.proof import CrossCheck, one_or_all, warnings_of_contact
-    from wormopt.systems.shared.signals import fitted, gait_arrays
+    from wormopt.systems.shared.signals import fitted
     from wormopt.systems.spiked import gait_of_shape
 
 _BANDS = ("position", "length", "input", "error_norm", "gain")

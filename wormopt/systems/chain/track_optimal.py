@@ -41,6 +41,7 @@ from wormopt.systems.shared.declared import (
     REFERENCE,
     TIME,
     TRACKER_EVENTS,
+    gait_arrays,
     over,
 )
 
@@ -71,7 +72,6 @@ with on_use():
         chain_expressions,
         event_arrays,
         fitted,
-        gait_arrays,
         sample,
         simulate_whole,
     )

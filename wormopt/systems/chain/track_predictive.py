@@ -35,7 +35,15 @@ from wormopt.systems.chain.predictive import (
     faults_of_nominal,
 )
 from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference, Tube
-from wormopt.systems.shared.declared import GAIT, JUDGED, LOOP_SIGNALS, TIME, Variables, over
+from wormopt.systems.shared.declared import (
+    GAIT,
+    JUDGED,
+    LOOP_SIGNALS,
+    TIME,
+    Variables,
+    gait_arrays,
+    over,
+)
 
 with on_use():
     import numpy as np
@@ -65,7 +73,7 @@ with on_use():
         plan_tracking,
     )
     from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
-    from wormopt.systems.shared.signals import fitted, gait_arrays, sample, simulate_whole
+    from wormopt.systems.shared.signals import fitted, sample, simulate_whole
     from wormopt.systems.spiked import gait_of_shape
 
 OPEN, LQR = "open-loop optimum", "LQR, feed-forward"

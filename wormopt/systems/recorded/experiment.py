@@ -43,9 +43,9 @@ from wormopt.systems.recorded.tables import (
     Span,
     Which,
     named_twice,
-    refused_at,
     scene_of,
 )
+from wormopt.systems.shared.studies import refused_at
 
 with on_use():
     import numpy as np
@@ -589,7 +589,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
         return {
             "derivatives": "exact, through every event",
             "search": "SLSQP from the best random experiments",
-            "not_told_apart": [words(unseen) for unseen in self.plan.known.unseen],
+            "not_identifiable": [words(unseen) for unseen in self.plan.known.unseen],
             "doubts": len(self.plan.run.motion.nonsmooth_events),
         }
 
