@@ -55,8 +55,8 @@ BELOW: dict[str, set[str]] = {
 }
 # Modules of a room that other rooms may import; rooms that are not named are open.
 DOORS = {
-    "simulation": """ensemble event_free functions initial_value moreau native.build options simulate
-        trajectory variation walls""",
+    "simulation": """ensemble event_free functions initial_value moreau native.build options
+        simulate trajectory variation walls""",
     "ocp": "contact mesh motion nlp optimise problem stages switching transcription",
     "reports": "report",
     "exports": "export ros",
