@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from wormopt.digest import BETTER
+from wormopt.families.gathered import NUMBERED, STATUS, as_typed
 from wormopt.files import POINTS
 from wormopt.quantities import Variable
 from wormopt.reports.source import Source
 from wormopt.reports.words import name_text, number, unit_text, value_text
 from wormopt.result import Result
-from wormopt.sweeps.gathered import NUMBERED, STATUS, as_typed
 
 
 @dataclass(frozen=True, eq=False)

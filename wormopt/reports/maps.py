@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from wormopt.families.gathered import STATUS
 from wormopt.quantities import Variable
 from wormopt.reports.colours import gradient, ink_on, shade
 from wormopt.reports.grid import Grid
 from wormopt.reports.parts import scrolled
 from wormopt.reports.words import escaped, number
-from wormopt.sweeps.gathered import STATUS
 
 _SIGNS = {1: "×", 2: "○", 3: "·"}
 _DENSE = 12  # number of columns from which cells have no room for numbers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from wormopt.families.gathered import STATUS
 from wormopt.quantities import Variable
 from wormopt.reports.grid import Grid, grid_of, words_of
 from wormopt.reports.line import line_html
@@ -13,7 +14,6 @@ from wormopt.reports.scatter import scatter_html
 from wormopt.reports.source import Source
 from wormopt.reports.words import escaped, name_text, sentence, unit_text, value_text
 from wormopt.reports.worm import motion_html
-from wormopt.sweeps.gathered import STATUS
 
 _MOST_OPENED, _MOST_DRAWN = 64, 24  # most points with the worm moving, and with a picture
 _MOST_MAPS, _MOST_CELLS = 10, 5000  # most numbers to choose from, and cells in all of their maps

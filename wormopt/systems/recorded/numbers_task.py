@@ -6,7 +6,6 @@ The scene is computed for every measurement; derivatives are differences of para
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.numerics.workers import Workers
+from wormopt.numerics.workers import each
 from wormopt.progress import Report, silent
 from wormopt.study.scene import Scene, load_scene
 from wormopt.systems.recorded.tables import KeyUnknown, Measured, value_at
@@ -179,11 +178,7 @@ class NumbersTask:
         return {key: value for unknown, value in numbers for key in unknown.keys}
 
     def _computed(self, jobs: Sequence[_Job]) -> list[_Answer]:
-        found: dict[int, _Answer] = {}
-        with Workers(min(len(jobs), os.cpu_count() or 1) or 1) as workers:
-            for k, answer in workers.as_completed(_compute, jobs):
-                found[k] = answer
-                self.report(f"run {self.runs + len(found)}", len(found) / len(jobs))
+        found = dict(each(_compute, jobs, self.report, "runs"))
         self.runs += len(jobs)
         return [found[k] for k in range(len(jobs))]
 

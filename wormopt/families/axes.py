@@ -13,7 +13,7 @@ import numpy as np
 
 from wormopt.study.swept import RANGE, Swept
 
-Point = Mapping[str, Any]
+Place = Mapping[str, Any]
 """Key -> value as in a scene."""
 
 
@@ -21,7 +21,7 @@ Point = Mapping[str, Any]
 class Plan:
     """Points of a sweep in the order of their dimensions, the last one fastest."""
 
-    points: tuple[Point, ...]
+    points: tuple[Place, ...]
     keys: tuple[str, ...]
     shape: tuple[int, ...]  # one number per key of a grid, else the number of points
 
