@@ -33,6 +33,7 @@ from wormopt.study import Study
 Keep = Literal["results", "scalars"]
 _JOURNAL = "journal.txt"
 _HEAD = "made by wormopt: time, machine, process, point, seconds\n"
+_ELSEWHERE = "choose another folder with --store, or with XDG_CACHE_HOME for the user's cache"
 
 
 def key_of(study: Study, more: str = "", seen: dict[str, bytes] | None = None) -> str:
@@ -69,14 +70,15 @@ class Store:
                 with journal.open("x", encoding="utf-8") as file:
                     file.write(_HEAD)
             elif not (journal.is_file() and journal.read_bytes().startswith(_HEAD.encode())):
-                what = "is not of a store of points; choose another folder with --store"
-                raise OutputError(f"{journal}: {what}")
+                raise OutputError(f"{journal}: is not of a store of points; {_ELSEWHERE}")
         except FileExistsError:  # another process was faster, or it is a file
             if not folder.is_dir():
-                raise OutputError(f"{folder}: is a file, no folder for points") from None
+                what = f"{folder}: is a file, no folder for points; {_ELSEWHERE}"
+                raise OutputError(what) from None
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or error
-            raise OutputError(f"{folder}: points cannot be kept there: {why}") from error
+            what = f"{folder}: points cannot be kept there: {why}; {_ELSEWHERE}"
+            raise OutputError(what) from error
 
     def file(self, key: str) -> Path:
         """File of a point."""
