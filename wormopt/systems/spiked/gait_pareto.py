@@ -208,10 +208,11 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
             shares = [0.99, *(k / (total - 1) for k in range(total - 2, 0, -1))]
             for k, share in zip(range(total - 1, 0, -1), shares, strict=True):
                 speed = share * points[0].speed
-                try:
-                    points.append(self._point(k, speed, [points[-1].sequence]))
-                except SolveError as error:
-                    lost.append(f"no gait at speed {speed:.6g}: {error}")
+                point = self._point(k, speed, [points[-1].sequence])
+                if point.result.scalars:
+                    points.append(point)
+                else:
+                    lost.append(f"no gait at speed {speed:.6g}: {point.result.reason}")
         except KeyboardInterrupt:
             if not points:
                 raise
@@ -243,7 +244,10 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
         try:
             found = designed(self.task(goal), self.search, report, hints)
         except SolveError as error:
-            raise with_keys(error, self) from None
+            reason = with_keys(error, self)
+            if speed is None:
+                raise reason from None
+            return Result(self.name, self.kind, status="failed", reason=str(reason))
         if found.ended == "interrupted":
             raise KeyboardInterrupt
         known = of_design(self, found)
