@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from wormopt.numerics.workers import Workers, alone
+from wormopt.numerics.workers import Workers, alone, each
 from wormopt.result import Result
 
 
@@ -87,6 +87,13 @@ def test_answers_come_as_soon_as_they_are_done(pool: Workers):
     assert os.getpid() not in dict(pool.as_completed(own_process, range(6))).values()
     with Workers(1) as alone:
         assert list(alone.as_completed(square, [3, 2])) == [(0, 9), (1, 4)]
+
+
+def test_progress_is_told_after_each_job():
+    told: list[tuple[str, float | None]] = []
+    found = each(square, [3, 2], lambda *said: told.append(said), "runs", 1)
+    assert list(found) == [(0, 9), (1, 4)]
+    assert told == [("runs: 1 of 2", 0.5), ("runs: 2 of 2", 1.0)]
 
 
 def test_a_process_that_dies_costs_no_answer_that_is_not_in_order():

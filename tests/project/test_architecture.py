@@ -41,8 +41,9 @@ GROUPS = {
     "engine": {"simulation", "control", "ocp", "analysis", "magnetics", "fitting"},
     "study": {"study"},
     "plotting": {"plotting"},
+    "families": {"families", "runner"},
     "systems": {"systems"},
-    "face": {"runner", "sweeps", "exports", "reports", "cli", "__main__", "__init__"},
+    "face": {"exports", "reports", "cli", "__main__", "__init__"},
 }
 BELOW: dict[str, set[str]] = {
     "ground": set(),
@@ -50,8 +51,9 @@ BELOW: dict[str, set[str]] = {
     "engine": {"ground", "base"},
     "study": {"ground", "base"},
     "plotting": {"ground", "base"},
-    "systems": {"ground", "base", "engine", "study", "plotting"},
-    "face": {"ground", "base", "engine", "study", "systems", "plotting"},
+    "families": {"ground", "base", "study", "plotting"},
+    "systems": {"ground", "base", "engine", "study", "plotting", "families"},
+    "face": {"ground", "base", "engine", "study", "systems", "plotting", "families"},
 }
 # Modules of a room that other rooms may import; rooms that are not named are open.
 DOORS = {

@@ -213,7 +213,7 @@ def loaded_with_pictures() -> set[str]:
 def test_a_plain_run_loads_no_cluster_no_report_no_sweep():
     loaded = loaded_with_pictures()
     assert not among({"dask", "distributed", "filelock", "pandas", "xarray"}, loaded)
-    for room in ("wormopt.sweeps", "wormopt.reports", "wormopt.exports"):
+    for room in ("wormopt.families", "wormopt.reports", "wormopt.exports"):
         assert not within(room, loaded), room
 
 

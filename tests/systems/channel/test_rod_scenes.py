@@ -18,6 +18,7 @@ from places import DOCS
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, Interrupted, SceneError
+from wormopt.families.store import Store
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.numerics.direct_search import Look, compass
@@ -271,33 +272,33 @@ def test_the_worm_of_figure_21_goes_against_the_field_whatever_mesh_and_step():
 
 def test_motions_are_kept_and_not_followed_again(tmp_path: Path, monkeypatch: Any):
     cases = [case(rate) for rate in (100.0, 200.0)]
-    first = rod_points(cases[:1], tmp_path, silent, "testing")
-    assert len(list(tmp_path.glob("*.json"))) == 1
+    first = rod_points(cases[:1], Store(tmp_path), silent, "testing")
+    assert len(list(tmp_path.glob("*.nc"))) == 1
 
     told: list[RodMotion] = []
 
-    def pretend(one: RodMotion, folder: Path) -> RodPoint:
+    def pretend(one: RodMotion) -> wo.Result:
         told.append(one)
-        return RodPoint.lost(one.switching.frequency, "never followed")
+        raise wo.SolveError("never followed")
 
-    monkeypatch.setattr(rod_frequency, "_simulate_and_keep", pretend)
-    again = rod_points(cases, tmp_path, silent, "testing")
+    monkeypatch.setattr(rod_frequency, "rod_result", pretend)
+    again = rod_points(cases, Store(tmp_path), silent, "testing")
     assert told == cases[1:]
     assert again[0] == first[0]
     assert again[1].reason == "never followed"
 
 
 def test_a_damaged_file_counts_as_missing(tmp_path: Path):
-    one = case(100.0)
-    rod_frequency._file(one, tmp_path).write_text("{")
-    assert rod_frequency.kept(one, tmp_path) is None
+    store = Store(tmp_path)
+    store.file("one").write_text("{")
+    assert store.read("one") is None
 
 
 def points(velocities: dict[float, float]) -> Any:
     """Stand-in for motions: velocities by rate."""
 
-    def find(cases: Any, folder: Path, report: Any, text: str) -> list[RodPoint]:
-        del folder, report, text
+    def find(cases: Any, store: Any, report: Any, text: str) -> list[RodPoint]:
+        del store, report, text
         rates, speeds = np.array(list(velocities)), np.array(list(velocities.values()))
         return [
             RodPoint(
@@ -344,16 +345,16 @@ def test_natural_frequencies_of_the_worm_stand_beside_it(monkeypatch: Any):
 
 def test_lost_motions_are_kept_and_told(tmp_path: Path, monkeypatch: Any):
     """NaN goes to the file and back, and nobody follows the motion again."""
-    lost = RodPoint.lost(50.0, "the motion is no longer a number")
 
-    def fail(*given: Any) -> Any:
+    def fail(*given: Any, **more: Any) -> Any:
         raise wo.SolveError("the motion is no longer a number")
 
-    monkeypatch.setattr(RodMotion, "point", property(fail))
-    (found,) = rod_points([case()], tmp_path, silent, "testing")
-    back = rod_frequency.kept(case(), tmp_path)
-    assert back is not None
-    assert found.reason == back.reason == lost.reason
+    monkeypatch.setattr(MoreauJean, "march", fail)
+    (found,) = rod_points([case()], Store(tmp_path), silent, "testing")
+    monkeypatch.undo()
+    (back,) = rod_points([case()], Store(tmp_path), silent, "testing")
+    assert found.reason == back.reason
+    assert "the motion is no longer a number" in found.reason
     assert np.isnan([found.velocity, back.velocity, back.arc_length]).all()
     assert back.direction == 0
 
@@ -362,8 +363,8 @@ def test_lost_motions_are_kept_and_told(tmp_path: Path, monkeypatch: Any):
 def test_a_lost_motion_fails_the_study_and_says_where(stage: str, monkeypatch: Any):
     plain = points(CURVE)
 
-    def find(cases: Any, folder: Path, report: Any, text: str) -> list[RodPoint]:
-        found = plain(cases, folder, report, text)
+    def find(cases: Any, store: Any, report: Any, text: str) -> list[RodPoint]:
+        found = plain(cases, store, report, text)
         hit = text == stage or (stage == "curve" and "over frequency" in text)
         return [RodPoint.lost(found[0].rate, "it was lost"), *found[1:]] if hit else found
 
@@ -450,8 +451,8 @@ def test_a_stopped_study_keeps_its_curve(monkeypatch: Any):
 def test_a_best_velocity_that_hangs_on_the_mesh_fails(monkeypatch: Any):
     plain = points(CURVE)
 
-    def find(cases: Any, folder: Path, report: Any, text: str) -> list[RodPoint]:
-        found = plain(cases, folder, report, text)
+    def find(cases: Any, store: Any, report: Any, text: str) -> list[RodPoint]:
+        found = plain(cases, store, report, text)
         return [replace(p, velocity=0.5 * p.velocity) for p in found] if "fine" in text else found
 
     monkeypatch.setattr(rod_frequency, "rod_points", find)

@@ -18,6 +18,7 @@ from outcomes import failed_checks, value
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SolveError
+from wormopt.families.store import Store
 from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.systems.shared.sequences import sequences
 from wormopt.systems.spiked.bimodal import integrate
@@ -371,7 +372,7 @@ FRONT = [
 def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
     from wormopt.systems.spiked import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda: Store(tmp_path))
     spoil(monkeypatch, gait_pareto, 0.8)
     result = wo.run(wo.load_scene("pareto_speed_load", FRONT))
     assert (result.status, result.reason) == ("failed", "no point of the front was accepted")
@@ -382,7 +383,7 @@ def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
 def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
     from wormopt.systems.spiked import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda: Store(tmp_path))
     scene = wo.load_scene("pareto_speed_load", FRONT)
     original, seen = gait_pareto.designed, []
 
@@ -401,7 +402,7 @@ def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
     order = np.argsort(result["front_speed"].values)
     assert np.all(np.diff(result["front_value"].values[order]) > -1e-9)
     assert result["front_value"].values.min() >= 10.0 - 1e-9  # mean lambda = Gamma, one spike
-    assert not list(tmp_path.rglob("point_*"))
+    assert not list(tmp_path.glob("*.nc"))
 
 
 @pytest.mark.parametrize("fails_at", [1, 2])
@@ -410,7 +411,7 @@ def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
 ):
     from wormopt.systems.spiked import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path / "kept")
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda: Store(tmp_path / "kept"))
     original, calls = gait_pareto.designed, []
 
     def refusing(*args):
@@ -461,7 +462,7 @@ def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
 def test_a_front_whose_first_gait_loses_a_phase_is_designed(tmp_path: Path, monkeypatch):
     from wormopt.systems.spiked import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda: Store(tmp_path))
     changes = ["pareto.points=3", 'search.effort="quick"']
     result = wo.run(wo.load_scene("pareto_speed_load", changes))
     assert result.status == "ok"

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
+from wormopt.families.gathered import NUMBERED, as_typed, everywhere
 from wormopt.plotting.parts import GREY, LINKS, RED, label, legend, narrow, sheet
 from wormopt.result import Result
-from wormopt.sweeps.gathered import NUMBERED, as_typed, everywhere
 
 # Number of results shown by default.
 _MOST = 4
