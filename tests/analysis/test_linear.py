@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from effort import examples
+from hints import Capture, Patch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
@@ -669,10 +670,7 @@ def test_what_needs_no_control_loads_none(tmp_path: Path):
 
 
 def test_the_examples_of_the_page_run(
-    control: Any,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    control: Any, tmp_path: Path, monkeypatch: Patch, capsys: Capture
 ):
     monkeypatch.chdir(tmp_path)
     page = (DOCS / "linear.md").read_text(encoding="utf-8")

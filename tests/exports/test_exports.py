@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exported import by_formula, gait_in, made, rough, swing
+from hints import Capture, Patch
 from places import SAVED
 from scipy.io import loadmat
 
@@ -228,7 +229,7 @@ def test_a_cycle_that_is_a_multiple_stays_as_it_is(fast: Result, tmp_path: Path)
 
 
 def test_columns_that_are_not_there_are_refused(
-    walk: Result, fast: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    walk: Result, fast: Result, tmp_path: Path, capsys: Capture
 ):
     with pytest.raises(ValueError, match=r"has no column 'lenght'; .* It has 'time', .*'length_0'"):
         wo.export(walk, "csv", tmp_path, columns=["lenght"])
@@ -317,9 +318,7 @@ def saved(fast: Result, tmp_path: Path) -> Path:
     return folder
 
 
-def test_several_formats_at_once(
-    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_several_formats_at_once(saved: Path, tmp_path: Path, capsys: Capture, monkeypatch: Patch):
     monkeypatch.chdir(tmp_path)
     assert main(["export", "result", "--csv", "--mat", "--c", "--ros", "--cycles", "2"]) == 0
     names = [f"fast_gait{end}" for end in (".csv", ".mat", ".h", ".c", "_replay.c", ".yaml")]
@@ -357,8 +356,8 @@ def test_several_formats_at_once(
 def test_what_is_refused_leaves_all_as_it_was(
     saved: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    capsys: Capture,
+    monkeypatch: Patch,
     arguments: list[str],
     said: str,
 ):
@@ -372,9 +371,7 @@ def test_what_is_refused_leaves_all_as_it_was(
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
-def test_what_is_written_does_not_hang_on_when(
-    fast: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_what_is_written_does_not_hang_on_when(fast: Result, tmp_path: Path, monkeypatch: Patch):
     def written(folder: str) -> dict[str, bytes]:
         paths = wo.export(fast, ["csv", "mat", "c", "ros"], tmp_path / folder)
         return {path.name: path.read_bytes() for path in paths}
@@ -385,9 +382,7 @@ def test_what_is_written_does_not_hang_on_when(
     assert written("b") == first
 
 
-def test_force_replaces_files_and_never_folders(
-    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_force_replaces_files_and_never_folders(saved: Path, tmp_path: Path, capsys: Capture):
     into = ["export", str(saved), "--csv", "--mat", "--c", "--ros", "-o", str(tmp_path / "all")]
     assert main(into) == 0
     assert main(into) == 0  # they are the same
@@ -422,9 +417,7 @@ def test_a_folder_that_may_not_be_written_to(saved: Path, tmp_path: Path):
     assert main(["export", str(saved), "--csv", "-o", str(tmp_path / "locked")]) == 2
 
 
-def test_a_disk_that_fails_leaves_nothing_behind(
-    saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_disk_that_fails_leaves_nothing_behind(saved: Path, tmp_path: Path, monkeypatch: Patch):
     write = Path.write_bytes
 
     def full(path: Path, content: bytes) -> int:
@@ -437,7 +430,7 @@ def test_a_disk_that_fails_leaves_nothing_behind(
     assert not [*(tmp_path / "out").iterdir()]
 
 
-def test_a_failed_result_says_so(fast: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_failed_result_says_so(fast: Result, tmp_path: Path, capsys: Capture):
     folder = tmp_path / "failed"
     folder.mkdir()
     fast.failed("it stopped short").save(folder)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import sympy
 from effort import examples
+from hints import Capture, Patch
 from hypothesis import assume, example, given, settings
 from outcomes import value
 from places import DOCS
@@ -459,9 +460,7 @@ def test_a_material_without_field():
     figure(result, "stress_strain").draw_without_rendering()
 
 
-def test_a_given_material_that_is_not_found_again_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_given_material_that_is_not_found_again_fails(tmp_path: Path, monkeypatch: Patch):
     def other(*measured: float) -> Any:
         found = identify_material(*measured)
         wrong = dataclasses.replace(found.material, mu_r=found.material.mu_r + 1e-6)
@@ -482,9 +481,7 @@ def test_a_given_material_at_the_border_is_not_found_again_and_says_so():
     assert any("not found again" in text for text in result.trust["warnings"])
 
 
-def test_a_polish_that_stops_short_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_polish_that_stops_short_is_refused(tmp_path: Path, capsys: Capture, monkeypatch: Patch):
     monkeypatch.setattr(identify, "_polished", lambda cubic, root: complex(root) * (1 + 1e-9))
     assert main(["run", SCENE, "-o", str(tmp_path / "out")]) == 2
     assert "to 12 digits" in capsys.readouterr().err
@@ -520,7 +517,7 @@ def test_a_polish_that_stops_short_is_refused(
     ],
 )
 def test_wrong_scenes_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, key: str, message: str
+    tmp_path: Path, capsys: Capture, change: str, key: str, message: str
 ):
     text = packaged_scenes()[SCENE].read_text(encoding="utf-8")
     path = tmp_path / "scene.toml"
@@ -564,7 +561,7 @@ def test_the_picture_shades_strains_that_are_not_small(strain: str, shades: int)
     assert y == pytest.approx(16e3 * (x / 100 - 0.071), abs=1e-8)
 
 
-def test_the_page_on_magnetics_runs(capsys: pytest.CaptureFixture[str]):
+def test_the_page_on_magnetics_runs(capsys: Capture):
     page = (DOCS / "theory-magnetics.md").read_text(encoding="utf-8")
     program = page.partition("## 1 Material")[2].partition("```python\n")[2].partition("```")[0]
     scope: dict[str, Any] = {"__name__": "page"}

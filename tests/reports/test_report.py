@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hints import Patch
 from report_pages import Whole, page_of
 
 import wormopt as wo
@@ -252,9 +253,7 @@ def test_many_large_results_stay_within_a_mail(gait: Result, tmp_path: Path):
     assert "is left out for want of room" in page
 
 
-def test_what_does_not_fit_a_mail_is_refused(
-    gait: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_what_does_not_fit_a_mail_is_refused(gait: Result, tmp_path: Path, monkeypatch: Patch):
     monkeypatch.setattr("wormopt.reports.page.LARGEST", 20_000)
     with pytest.raises(wo.ArgumentError, match="by mail; report fewer results"):
         wo.report(gait, tmp_path / "large.html")

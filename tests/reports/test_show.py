@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hints import Capture, Patch
 from places import ROOT, SAVED
 
 import wormopt as wo
@@ -178,7 +179,7 @@ def test_a_failure_says_why_and_nothing_to_tell_is_told():
 
 
 @pytest.mark.parametrize("file", sorted(SAVED.glob("*.nc")), ids=lambda file: file.stem)
-def test_results_of_all_kinds_are_shown(file: Path, capsys: pytest.CaptureFixture[str]):
+def test_results_of_all_kinds_are_shown(file: Path, capsys: Capture):
     assert main(["show", str(file)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == Result.load(file).title
@@ -192,7 +193,7 @@ def test_results_of_all_kinds_are_shown(file: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: Patch) -> Path:
     monkeypatch.chdir(tmp_path)
     there = tmp_path / "results" / "walk"
     there.mkdir(parents=True)
@@ -200,7 +201,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return there
 
 
-def test_run_prints_what_show_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_run_prints_what_show_prints(tmp_path: Path, capsys: Capture):
     out = tmp_path / "out"
     for flag in ([], ["--all"]):
         assert main(["run", "fast_gait", "--no-plots", "-o", str(out), "--quiet", *flag]) == 0
@@ -212,7 +213,7 @@ def test_run_prints_what_show_prints(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert ("Checks:" in ran) is bool(flag)
 
 
-def test_several_results_and_json(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_several_results_and_json(folder: Path, capsys: Capture):
     assert main(["show", "results/walk", "results/walk/result.nc"]) == 0
     expected = "A walk\n  speed  0.5\nTrust:\n  ok\n  1 warning: careful\n"
     assert capsys.readouterr().out == f"{expected}\n{expected}"
@@ -221,9 +222,7 @@ def test_several_results_and_json(folder: Path, capsys: pytest.CaptureFixture[st
     assert json.loads(one) == json.loads(again) == Result.load(folder).summary()
 
 
-def test_a_file_of_somebody_else_cannot_steer_the_terminal(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_file_of_somebody_else_cannot_steer_the_terminal(tmp_path: Path, capsys: Capture):
     evil = "\x1b[31m\r\x07"
     warned, words = {"warnings": [evil], "recheck": {"route": evil}}, {f"a{evil}": Scalar(evil)}
     Result("walk", "mine", evil, scalars=words, trust=warned, reason=evil).save(tmp_path)
@@ -240,9 +239,7 @@ def test_a_file_of_somebody_else_cannot_steer_the_terminal(
         ("results/walk/summary.json", "is no result of wormopt, or a damaged one"),
     ],
 )
-def test_what_is_no_result_is_refused(
-    folder: Path, capsys: pytest.CaptureFixture[str], name: str, told: str
-):
+def test_what_is_no_result_is_refused(folder: Path, capsys: Capture, name: str, told: str):
     assert main(["show", name, "results/walk"]) == 2
     out, err = capsys.readouterr()
     assert err.startswith(f"{name}: {told}")
@@ -250,9 +247,7 @@ def test_what_is_no_result_is_refused(
     assert out.startswith("A walk")  # the others are shown
 
 
-def test_a_damaged_file_is_refused_wherever_it_is_cut(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_damaged_file_is_refused_wherever_it_is_cut(folder: Path, capsys: Capture):
     file = folder / "result.nc"
     whole = file.read_bytes()
     for size in (0, 1, 4, 40, len(whole) // 3, len(whole) // 2, len(whole) - 8):
@@ -264,7 +259,7 @@ def test_a_damaged_file_is_refused_wherever_it_is_cut(
 PAGES = ROOT
 
 
-def test_pages_show_what_is_printed(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+def test_pages_show_what_is_printed(capsys: Capture, tmp_path: Path):
     """Lines of the designed gait and of the given one; the size of a rounding error excepted."""
     shown: list[str] = []
     ours = ("  speed  ", "Limits, and", "Trust:", "smallest_load")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hints import Capture, Patch
 from outcomes import value
 from places import DOCS
 
@@ -31,9 +32,7 @@ from wormopt.systems.shared.proof import warnings_of_contact
 # -- what is not trusted -------------------------------------------------------------------------
 
 
-def test_a_second_route_that_disagrees_makes_the_result_fail(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_second_route_that_disagrees_makes_the_result_fail(tmp_path: Path, monkeypatch: Patch):
     def elsewhere(*given: Any, **options: Any) -> Any:
         motion = simulate(*given, **options)
         return dataclasses.replace(motion, end=motion.end + 1e-6)
@@ -58,9 +57,7 @@ def test_loose_tolerances_are_judged_by_themselves(tmp_path: Path, relative: flo
     assert value(loose, "x_end") == pytest.approx(value(exact, "x_end"), abs=4 * accepted)
 
 
-def test_a_second_route_that_gives_up_makes_the_result_fail(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_second_route_that_gives_up_makes_the_result_fail(tmp_path: Path, monkeypatch: Patch):
     def gives_up(*given: Any, **options: Any) -> Any:
         raise SolveError("too hard", code="stiff")
 
@@ -78,7 +75,7 @@ def test_a_second_route_that_gives_up_makes_the_result_fail(
 
 @pytest.mark.parametrize("unseen", [False, True])
 def test_a_long_swing_is_compared_over_its_first_steps(
-    unseen: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    unseen: bool, tmp_path: Path, monkeypatch: Patch
 ):
     """By CVODES, and by steps in Python where that passes a layer unseen."""
     monkeypatch.setattr(proof, "_LONG", 30)
@@ -103,7 +100,7 @@ def test_a_long_swing_is_compared_over_its_first_steps(
 
 
 def test_a_check_that_would_take_for_ever_ends_where_it_is_and_still_sees_what_is_wrong(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: Patch
 ):
     monkeypatch.setattr(proof, "_STIFF", 20)
     monkeypatch.setattr(proof, "_SPENT_IN_PYTHON", 500)
@@ -135,9 +132,7 @@ def test_a_stiff_motion_is_rechecked_to_its_end_by_implicit_steps(tmp_path: Path
     assert "until" not in result.trust["recheck"]
 
 
-def test_a_motion_that_is_given_up_is_kept_as_far_as_it_came(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_motion_that_is_given_up_is_kept_as_far_as_it_came(tmp_path: Path, capsys: Capture):
     path = write(tmp_path, TRACK)
     out = tmp_path / "out"
     change = ["--set", "tolerance.max_steps=60", "--set", 'want=["trackers", "motion"]']
@@ -167,7 +162,7 @@ def stop_at(text: str, call: int = 1) -> Report:
 
 @pytest.mark.parametrize("text", [TRACK, SIMULATE])
 def test_a_motion_that_is_interrupted_is_kept_as_far_as_it_came(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+    tmp_path: Path, monkeypatch: Patch, text: str
 ):
     from wormopt.simulation.native import kernel
 
@@ -232,7 +227,7 @@ def test_ctrl_c_while_the_second_route_runs_is_heard(tmp_path: Path):
 
 
 def test_the_command_line_saves_what_was_interrupted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capture, monkeypatch: Patch
 ):
     def stop(*given: Any, report: Report, **options: Any) -> Any:
         return simulate(*given, report=stop_at("simulating"), **options)
@@ -254,7 +249,7 @@ def test_stiction_that_the_smooth_law_does_not_know_is_named():
     assert "no stiction" in said[1]
 
 
-def test_a_machine_without_a_compiler_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_machine_without_a_compiler_says_so(tmp_path: Path, monkeypatch: Patch):
     from wormopt.simulation.native import build, kernel
 
     def none() -> None:
@@ -279,7 +274,7 @@ def missing(*_: Any) -> None:
     raise CompilerError("none")
 
 
-def test_a_motion_too_long_to_keep_is_sampled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_motion_too_long_to_keep_is_sampled(tmp_path: Path, monkeypatch: Patch):
     whole = wo.run(write(tmp_path, TRACK))
     monkeypatch.setattr(signals, "_MEMORY", 64 * 100.0)
     result = wo.run(write(tmp_path, TRACK))
@@ -291,7 +286,7 @@ def test_a_motion_too_long_to_keep_is_sampled(tmp_path: Path, monkeypatch: pytes
 # -- the command line and the files --------------------------------------------------------------
 
 
-def test_pictures_are_drawn_and_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_pictures_are_drawn_and_left_out(tmp_path: Path, capsys: Capture):
     path = write(tmp_path, TRACK)
     out = tmp_path / "out"
     arguments = ["run", str(path), "-o", str(out), "--set", 'want=["motion"]']
@@ -385,7 +380,7 @@ def test_packaged_scenes_say_what_to_try(name: str):
 # -- the documentation ---------------------------------------------------------------------------
 
 
-def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
+def test_the_page_on_simulation_runs(capsys: Capture):
     text = (DOCS / "simulation.md").read_text(encoding="utf-8")
     program = "\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
     scope: dict[str, Any] = {"__name__": "page"}

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from effort import examples
+from hints import Folders
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import netcdf_file
@@ -87,10 +88,7 @@ NUMBERS = st.one_of(st.floats(-1e9, 1e9), st.integers(-1000, 1000).map(float), s
     step=st.floats(0.01, 1000.0),
 )
 def test_ten_dialects_hold_the_same_numbers(
-    tmp_path_factory: pytest.TempPathFactory,
-    dialect: str,
-    rows: list[tuple[float, float]],
-    step: float,
+    tmp_path_factory: Folders, dialect: str, rows: list[tuple[float, float]], step: float
 ):
     table = np.array([[step * k, *row] for k, row in enumerate(rows)])
     table[0, 1:] = [0.5, -2.0]  # so that no column is all gaps
@@ -174,7 +172,7 @@ def test_a_typesetters_minus_is_a_minus():
 @settings(max_examples=examples(100))
 @given(content=st.binary(max_size=60))
 def test_whatever_bytes_a_file_holds_they_are_read_or_refused(
-    tmp_path_factory: pytest.TempPathFactory, content: bytes
+    tmp_path_factory: Folders, content: bytes
 ):
     found, wrong = read(content, tmp_path_factory.mktemp("table"))
     assert found is not None or wrong

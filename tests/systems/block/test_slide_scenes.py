@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hints import Capture, Patch
 from outcomes import value
 from scipy.integrate import quad
 from scipy.optimize import brentq
@@ -85,7 +86,7 @@ def test_the_least_effort_has_a_straight_drive(longest: float, duration: float):
     assert drive == pytest.approx(straight, abs=1e-3)
 
 
-def test_nothing_is_said_of_equations_that_fix_variables(capfd: pytest.CaptureFixture[str]):
+def test_nothing_is_said_of_equations_that_fix_variables(capfd: Capture):
     # it brakes with 3 + 1 from 1 to 0: T = 1/4, way 1/8; all phases but one are left out
     result = solved("slide_back", "end.position=0.125")
     assert result.status == "ok"
@@ -158,9 +159,7 @@ def test_a_run_saves_signals_pictures_and_statistics(tmp_path: Path):
     assert summary["trust"]["solves"]["phases"]["functions_s"]["nlp_jac_g"] > 0
 
 
-def test_a_simulation_that_ends_elsewhere_makes_the_result_fail(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_simulation_that_ends_elsewhere_makes_the_result_fail(tmp_path: Path, monkeypatch: Patch):
     def elsewhere(*given: Any, **options: Any) -> Any:
         motion = simulate(*given, **options)
         return dataclasses.replace(motion, end=motion.end + 1e-5)
@@ -175,7 +174,7 @@ def test_a_simulation_that_ends_elsewhere_makes_the_result_fail(
     assert failed == ["simulation of the inputs found"]
 
 
-def test_a_defect_that_was_not_reached_is_told(monkeypatch: pytest.MonkeyPatch):
+def test_a_defect_that_was_not_reached_is_told(monkeypatch: Patch):
     monkeypatch.setattr(slide, "_ROUNDS", 1)
     result = solved("slide", SMOOTH)
     (told,) = [w for w in result.trust["warnings"] if "still" in w]
@@ -195,11 +194,7 @@ def test_a_defect_that_was_not_reached_is_told(monkeypatch: pytest.MonkeyPatch):
     ],
 )
 def test_slides_that_cannot_be_end_with_what_has_to_give_way(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    name: str,
-    changes: tuple[str, ...],
-    least: str,
+    tmp_path: Path, capsys: Capture, name: str, changes: tuple[str, ...], least: str
 ):
     with pytest.raises(SolveError) as caught:
         solved(name, *changes)
@@ -214,7 +209,7 @@ def test_slides_that_cannot_be_end_with_what_has_to_give_way(
 
 
 def test_a_bad_guess_ends_in_the_right_exit_code(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capture, monkeypatch: Patch
 ):
     def lost(_: Any) -> Guess:
         return Guess(1.0, lambda t: np.vstack([t * math.nan, t]))
@@ -225,7 +220,7 @@ def test_a_bad_guess_ends_in_the_right_exit_code(
 
 
 def test_an_unbounded_problem_ends_in_the_right_exit_code(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capture, monkeypatch: Patch
 ):
     def without_limits(study: Slide) -> Any:
         problem = limited.func(study)

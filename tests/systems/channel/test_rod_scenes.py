@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from effort import examples
+from hints import Capture
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from outcomes import failed_checks
@@ -596,9 +597,7 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching(
         "switching.frequency=1e9",
     ],
 )
-def test_motions_that_would_take_for_ever_are_refused(
-    change: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_motions_that_would_take_for_ever_are_refused(change: str, tmp_path: Path, capsys: Capture):
     out = str(tmp_path / "out")
     assert main(["run", "fig21_rod_motion", "-o", out, "--quiet", "--set", change]) == 3
     assert "steps, more than" in capsys.readouterr().err

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from effort import examples
+from hints import Capture
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from outcomes import run_text, value
@@ -465,7 +466,7 @@ def test_a_negative_pressure_has_no_field():
 
 
 @pytest.mark.slow
-def test_the_page_runs(capsys: pytest.CaptureFixture[str]):
+def test_the_page_runs(capsys: Capture):
     page = (DOCS / "theory-film.md").read_text(encoding="utf-8")
     for number, program in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):
         exec(compile(program, f"theory-film.md, {number}", "exec"), {"__name__": "page"})
@@ -575,8 +576,6 @@ def test_bad_films_are_refused(tmp_path: Path, change: str, key: str, message: s
         ('units="dimensionless"', "film.fluid"),
     ],
 )
-def test_bad_fluids_are_refused(
-    tmp_path: Path, change: str, key: str, capsys: pytest.CaptureFixture[str]
-):
+def test_bad_fluids_are_refused(tmp_path: Path, change: str, key: str, capsys: Capture):
     assert main(["run", "film_field", "--set", change, "-o", str(tmp_path / "out")]) == 2
     assert key in capsys.readouterr().err

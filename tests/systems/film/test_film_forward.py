@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hints import Capture
 from outcomes import value
 
 import wormopt as wo
@@ -126,9 +127,7 @@ def test_a_film_that_breaks_is_located(tmp_path: Path):
     assert (result["thickness"].values[:-1].min(axis=1) >= 0.5).all()
 
 
-def test_a_film_the_points_cannot_hold_fails_with_the_place(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_film_the_points_cannot_hold_fails_with_the_place(tmp_path: Path, capsys: Capture):
     scene = str(write(tmp_path, SCENE))
     sets = ["film.delta=0.9", "film.tension=0.01", "grid.points=32", "grid.most=32"]
     sets += ["time.rupture=1e-6", "time.periods=2", "tolerance.recheck=false"]

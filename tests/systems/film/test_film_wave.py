@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from hints import Capture, Patch
 from outcomes import value
 
 import wormopt as wo
@@ -60,7 +61,7 @@ def both() -> tuple[Result, DesignedWave]:
         waves.append(best_wave(*given, **options))
         return waves[-1]
 
-    with pytest.MonkeyPatch.context() as patch:
+    with Patch.context() as patch:
         patch.setattr(film_wave, "best_wave", kept)
         return solved("search.crests=1"), waves[0]
 
@@ -373,9 +374,7 @@ def test_a_sweep_tells_other_films():
 # -- what is told and refused ----------------------------------------------------------------------
 
 
-def test_a_wave_that_does_not_do_what_was_found_fails(
-    wave: DesignedWave, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_wave_that_does_not_do_what_was_found_fails(wave: DesignedWave, monkeypatch: Patch):
     class Off(DesignedWave):
         def thickness(self, xi: np.ndarray) -> np.ndarray:
             return super().thickness(xi) * (1 + 1e-4 * np.cos(xi))
@@ -394,7 +393,7 @@ def test_a_wave_that_does_not_do_what_was_found_fails(
 
 @pytest.mark.parametrize("vain", [("margin", "drift"), ("drift",), ("margin",)])
 def test_a_later_search_in_vain_keeps_what_was_found(
-    wave: DesignedWave, monkeypatch: pytest.MonkeyPatch, vain: tuple[str, ...]
+    wave: DesignedWave, monkeypatch: Patch, vain: tuple[str, ...]
 ):
     def search(limits: WaveLimits, aim: WaveAim, **rest: Any) -> DesignedWave:
         if aim.seek in vain:
@@ -410,7 +409,7 @@ def test_a_later_search_in_vain_keeps_what_was_found(
     assert len(told) == len(vain)
 
 
-def test_a_search_in_vain_keeps_its_reason(monkeypatch: pytest.MonkeyPatch):
+def test_a_search_in_vain_keeps_its_reason(monkeypatch: Patch):
     def lost(*given: Any, **options: Any) -> DesignedWave:
         raise SolveError("no way", code="not_solved")
 
@@ -420,7 +419,7 @@ def test_a_search_in_vain_keeps_its_reason(monkeypatch: pytest.MonkeyPatch):
     assert caught.value.partial.status == "failed"
 
 
-def test_what_no_field_can_do_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_what_no_field_can_do_is_refused(tmp_path: Path, capsys: Capture):
     with pytest.raises(SceneError, match=r"has a mean flow above 0\.464286"):
         solved("limits={thickness=[0.5, 1.5]}", 'objective={minimise="field", mean_flow=0.47}')
     change = ["limits={thickness=[0.5, 1.5]}", 'objective={minimise="field", capture=true}']

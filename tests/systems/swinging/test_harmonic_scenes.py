@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hints import Capture, Patch
 from outcomes import failed_checks, value
 from swinging_masses import COULOMB, PERIOD, SCENE, THIRDS, mean_force, solved, solved_anew
 
@@ -173,7 +174,7 @@ def test_a_velocity_that_may_be_zero_is_unknown():
 @pytest.mark.parametrize(
     "lost", [pytest.param("not_finite", marks=pytest.mark.slow), "no_periodic_motion"]
 )
-def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: pytest.MonkeyPatch, lost: str):
+def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: Patch, lost: str):
     def orbit(self: Runner, guess: float, **options: Any):
         if abs(guess) < 0.1:
             raise SolveError("none here", code=lost)
@@ -197,7 +198,7 @@ def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: pytest.Monkey
     assert "center" in {variable.name for variable in chosen.variables}
 
 
-def test_without_recheck_there_is_none_and_a_warning(monkeypatch: pytest.MonkeyPatch):
+def test_without_recheck_there_is_none_and_a_warning(monkeypatch: Patch):
     def never(*given: Any, **options: Any):
         raise AssertionError
 
@@ -250,7 +251,7 @@ def test_a_run_saves_its_picture(tmp_path: Path):
 # -- failures --------------------------------------------------------------------------------------
 
 
-def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: pytest.MonkeyPatch):
+def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: Patch):
     def elsewhere(*given: Any, **options: Any) -> CrossCheck:
         found = honest(*given, **options)
         assert found
@@ -305,7 +306,7 @@ def test_masses_that_all_but_cease_to_reverse_are_where_averages_bend(backward: 
     assert "second order" not in result.trust["checks"]
 
 
-def test_averages_that_disagree_with_the_exact_motion_fail(monkeypatch: pytest.MonkeyPatch):
+def test_averages_that_disagree_with_the_exact_motion_fail(monkeypatch: Patch):
     def wrong(self: SlowVelocity, V: float) -> float:
         return honest(self, V) + 1e-3 * self.order
 
@@ -345,9 +346,7 @@ def test_averages_that_disagree_with_the_exact_motion_fail(monkeypatch: pytest.M
         ('want=["motion"]', "want", "reversals"),
     ],
 )  # fmt: skip
-def test_wrong_scenes_are_told(
-    change: str, key: str, message: str, capsys: pytest.CaptureFixture[str]
-):
+def test_wrong_scenes_are_told(change: str, key: str, message: str, capsys: Capture):
     with pytest.raises(SceneError) as caught:
         load_scene(SCENE, [change])
     faults = caught.value.faults
