@@ -153,51 +153,28 @@ def test_a_rerun_replaces_its_own_files_and_keeps_others(tmp_path: Path):
     assert speed_in(folder) == 3.0
 
 
-def make_file(path: Path) -> None:
-    path.write_text("mine")
+def run_to(path: Path, *more: str) -> None:
+    main(["run", "fast_gait", "-o", str(path), *more])
 
 
-def make_foreign_folder(path: Path) -> None:
-    path.mkdir()
-    (path / "notes.txt").write_text("mine")
+def put(path: Path, text: str = "mine") -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text)
 
 
-def make_other_result(path: Path) -> None:
-    main(["run", "uphill_gait", "-o", str(path)])
-
-
-def make_foreign_summary(path: Path) -> None:
-    path.mkdir()
-    (path / "summary.json").write_text('{"scene": "fast_gait"}')
-
-
-def make_broken_summary(path: Path) -> None:
-    path.mkdir()
-    (path / "summary.json").write_text('[["scene"')
-
-
-def make_result_with_own_picture(path: Path) -> None:
-    main(["run", "fast_gait", "--no-plots", "-o", str(path)])
-    (path / "gait.png").write_text("mine")
-
-
-def make_changed_result(path: Path) -> None:
-    main(["run", "fast_gait", "-o", str(path)])
-    (path / "gait.png").write_text("with remarks of mine")
-
-
-def make_sweep(path: Path) -> None:
-    main(["sweep", "fast_gait", "--over", "worm.load=[2]", "--engine", "serial", "-o", str(path)])
-
-
-FOREIGN = [
-    make_file,
-    make_foreign_summary,
-    make_broken_summary,
-    make_result_with_own_picture,
-    make_changed_result,
-]
-OBSTACLES = [*FOREIGN, make_foreign_folder, make_other_result, make_sweep]
+OVER = ["--over", "worm.load=[2]", "--engine", "serial", "-o"]
+FOREIGN: dict[str, Callable[[Path], object]] = {
+    "file": put,
+    "foreign summary": lambda path: put(path / "summary.json", '{"scene": "fast_gait"}'),
+    "broken summary": lambda path: put(path / "summary.json", '[["scene"'),
+    "own picture": lambda path: (run_to(path, "--no-plots"), put(path / "gait.png")),
+    "changed result": lambda path: (run_to(path), put(path / "gait.png", "with remarks of mine")),
+}
+FORCED: dict[str, Callable[[Path], object]] = {
+    "foreign folder": lambda path: put(path / "notes.txt"),
+    "other result": lambda path: main(["run", "uphill_gait", "-o", str(path)]),
+    "sweep": lambda path: main(["sweep", "fast_gait", *OVER, str(path)]),
+}
 
 
 def contents(path: Path) -> dict[str, bytes]:
@@ -205,12 +182,13 @@ def contents(path: Path) -> dict[str, bytes]:
     return {str(file): file.read_bytes() for file in files if file.is_file()}
 
 
-@pytest.mark.parametrize("make", OBSTACLES)
+@pytest.mark.parametrize("there", [*FOREIGN, *FORCED])
 def test_what_is_in_the_way_is_refused_before_the_work(
-    tmp_path: Path, capsys: Capture, study: Install, make: Callable[[Path], None]
+    tmp_path: Path, capsys: Capture, study: Install, there: str
 ):
+    """And what is no result of ours is never replaced."""
     path = tmp_path / "out"
-    make(path)
+    (FOREIGN | FORCED)[there](path)
     capsys.readouterr()
     before = contents(path)
     study(never)
@@ -218,32 +196,20 @@ def test_what_is_in_the_way_is_refused_before_the_work(
     out, err = capsys.readouterr()
     assert out == ""
     assert str(path) in err
-    assert ("--force" in err) == (make not in FOREIGN)
+    assert ("--force" in err) == (there in FORCED)
+    assert there in FORCED or main(["run", "fast_gait", "-o", str(path), "--force"]) == 2
     assert contents(path) == before
     assert names(tmp_path) == {"out"}
 
 
-@pytest.mark.parametrize("make", FOREIGN)
-def test_what_is_no_result_of_ours_is_never_replaced(
-    tmp_path: Path, study: Install, make: Callable[[Path], None]
-):
+@pytest.mark.parametrize("there", FORCED)
+def test_force_replaces_results_and_keeps_other_files(tmp_path: Path, there: str):
     path = tmp_path / "out"
-    make(path)
-    before = contents(path)
-    study(never)
-    assert main(["run", "fast_gait", "-o", str(path), "--force"]) == 2
-    assert contents(path) == before
-
-
-@pytest.mark.parametrize("make", [make_foreign_folder, make_other_result, make_sweep])
-def test_force_replaces_results_and_keeps_other_files(tmp_path: Path, make: Callable[[Path], None]):
-    path = tmp_path / "out"
-    make(path)
-    assert main(["run", "fast_gait", "-o", str(path), "--force"]) == 0
+    FORCED[there](path)
+    run_to(path, "--force")
     assert speed_in(path) == 2.0
     assert names(path) - {"notes.txt", "points"} == NUMBERS | PICTURES
-    if make is make_foreign_folder:
-        assert (path / "notes.txt").read_text() == "mine"
+    assert there != "foreign folder" or (path / "notes.txt").read_text() == "mine"
 
 
 def test_trials_with_other_keys_have_folders_of_their_own(tmp_path: Path):
@@ -382,16 +348,10 @@ def test_a_link_to_a_folder_is_followed(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("error", "code", "reason"),
-    [
-        (
-            SolveError("no gait keeps gait.spike_load", "allow 15"),
-            3,
-            "keeps gait.spike_load; allow",
-        ),
-        (Interrupted(), 130, "interrupted"),
-    ],
-)
-@pytest.mark.parametrize("partial", ["result", "motion", "nothing"])
+    [(SolveError("no gait keeps it", "allow 15"), 3, "keeps it; allow"),
+     (Interrupted(), 130, "interrupted")],
+)  # fmt: skip
+@pytest.mark.parametrize("kept", ["result", "motion", "nothing"])
 def test_what_was_found_before_a_failure_is_saved(
     tmp_path: Path,
     capsys: Capture,
@@ -403,7 +363,7 @@ def test_what_was_found_before_a_failure_is_saved(
 ):
     def stop(scene: Scene[Any], report: Report) -> Result:
         # a study that was stopped while it simulated hands on a motion, which is no Result
-        error.partial = {"result": found(scene), "motion": object(), "nothing": None}[partial]
+        error.partial = {"result": found(scene), "motion": object(), "nothing": None}[kept]
         raise error
 
     study(stop)
@@ -415,18 +375,15 @@ def test_what_was_found_before_a_failure_is_saved(
     assert reason in err
     loaded = Result.load(tmp_path / "results" / "fast_gait")
     assert (loaded.status, loaded.reason) == ("failed", printed["reason"])
-    assert ("speed" in loaded.scalars) == (partial == "result")
+    assert ("speed" in loaded.scalars) == (kept == "result")
 
 
-def test_a_result_that_is_not_trusted_ends_with_three(capsys: Capture, study: Install):
+def test_a_failed_run_ends_with_three_and_may_be_run_again(
+    tmp_path: Path, capsys: Capture, study: Install
+):
     study(lambda scene, report: found(scene, status="failed", reason="recheck off by 1e-3"))
     assert main(["run", "fast_gait"]) == 3
     assert "failed: recheck off by 1e-3" in capsys.readouterr().err
-
-
-def test_a_failed_run_may_be_run_again(tmp_path: Path, study: Install):
-    study(lambda scene, report: found(scene, status="failed", reason="no"))
-    assert main(["run", "fast_gait"]) == 3
     study(solve)
     assert main(["run", "fast_gait"]) == 0
     assert Result.load(tmp_path / "results" / "fast_gait").status == "ok"
@@ -559,13 +516,6 @@ def test_check_looks_at_every_scene(capsys: Capture):
     assert err.startswith("no_such: ")
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "fast_gait", "--jso"]])
-def test_wrong_usage_ends_with_two(arguments: list[str]):
-    with pytest.raises(SystemExit) as caught:
-        main(arguments)
-    assert caught.value.code == 2
-
-
 def test_progress_is_drawn_on_a_terminal(capsys: Capture, monkeypatch: Patch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     assert main(["run", "fast_gait", "--json"]) == 0
@@ -635,6 +585,9 @@ def test_libraries_of_linear_algebra_take_one_thread_unless_told(monkeypatch: Pa
 @pytest.mark.parametrize(
     ("words", "told"),
     [
+        ("", "usage: "),
+        ("walk", "invalid choice"),
+        ("run", "required: "),
         ("sweep fast_gait worm.load=1,2,3", "write --over 'worm.load=[1,2,3]'"),
         ("sweep fast_gait worm.load=1:2:3", "write --over 'worm.load=1:2:3'"),
         ("run fast_gait worm.load=1", "write --set 'worm.load=1'"),
@@ -642,7 +595,7 @@ def test_libraries_of_linear_algebra_take_one_thread_unless_told(monkeypatch: Pa
         ("list worm.load=1 --jso", "unrecognized arguments: --jso\n"),
     ],
 )
-def test_words_that_no_command_takes(words: str, told: str, capsys: Capture):
+def test_wrong_usage_ends_with_two(words: str, told: str, capsys: Capture):
     with pytest.raises(SystemExit) as ended:
         main(words.split())
     assert ended.value.code == 2

@@ -140,29 +140,21 @@ def test_a_schema_is_written_once(tmp_path: Path, capsys: Capture):
     assert "gait.json: is there already" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", packaged_scenes())
-def test_packaged_scenes_name_no_schema_that_is_not_there(name: str):
-    assert "#:schema" not in packaged_scenes()[name].read_text(encoding="utf-8")
-
-
 # -- list ------------------------------------------------------------------------------------------
 
 
 def test_the_list_is_filtered(capsys: Capture):
-    assert main(["list", "--kind", "gait"]) == 0
-    out = capsys.readouterr().out
-    assert re.findall(r"^    (\w+) ", out, re.MULTILINE) == [
-        "fast_gait",
-        "gait_region",
-        "uphill_gait",
-    ]
-    assert re.findall(r"^  (\S+):", out, re.MULTILINE) == ["gait"]
-    assert "film" not in out
-    assert main(["list", "FLUID", "wave"]) == 0
-    out = capsys.readouterr().out
+    def listed(*words: str) -> str:
+        assert main(["list", *words]) == 0
+        return capsys.readouterr().out
+
+    out = listed("--kind", "gait")
+    assert re.findall(r"^    (\w+) ", out, re.M) == ["fast_gait", "gait_region", "uphill_gait"]
+    assert re.findall(r"^  (\S+):", out, re.M) == ["gait"]
+    out = listed("FLUID", "wave")
     assert "film-wave" in out
     assert "fast_gait" not in out
-    assert re.findall(r"^\w.*", out, re.MULTILINE) == ["Magnetic films", "Coils"]
+    assert re.findall(r"^\w.*", out, re.M) == ["Magnetic films", "Coils"]
     assert main(["list", "no_such_word"]) == 0
     said = capsys.readouterr()
     assert said.out == ""

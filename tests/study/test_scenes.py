@@ -25,6 +25,7 @@ def test_packaged_scenes_are_right_and_say_all(name: str):
     scene = load_scene(name)
     assert scene.name == name
     assert scene.title != name
+    assert "#:schema" not in packaged_scenes()[name].read_text(encoding="utf-8")  # none is there
 
 
 def test_the_fast_gait_of_the_chapter():
