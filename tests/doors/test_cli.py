@@ -359,7 +359,7 @@ def test_what_was_found_before_a_failure_is_saved(
     error: Any,
     code: int,
     reason: str,
-    partial: str,
+    kept: str,
 ):
     def stop(scene: Scene[Any], report: Report) -> Result:
         # a study that was stopped while it simulated hands on a motion, which is no Result
