@@ -37,13 +37,14 @@ def refused(scene: Any, change: Any, key: str, message: str) -> None:
 def refusals(scene: str, table: str) -> Callable[[str, str, str], None]:
     """Make a test of what a scene, by name or as TOML, refuses.
 
-    A line of the table is a change, a key and a part of the message, parted by " | ".
+    A line of the table is a change (several are joined by " & "), a key, and a part of the message
+    if it counts, parted by " | ".
     """
     given: Any = tomllib.loads(scene) if "\n" in scene else scene
-    rows = [line.strip().split(" | ") for line in table.strip().splitlines()]
+    rows = [f"{line.strip()} | ".split(" | ")[:3] for line in table.splitlines() if line.strip()]
 
-    @pytest.mark.parametrize(("change", "key", "message"), rows)
-    def refuses(change: str, key: str, message: str) -> None:
-        refused(given, change, key, message)
+    @pytest.mark.parametrize(("changes", "key", "message"), rows)
+    def refuses(changes: str, key: str, message: str) -> None:
+        refused(given, changes.split(" & "), key, message)
 
     return refuses
