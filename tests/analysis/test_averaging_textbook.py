@@ -15,8 +15,6 @@ from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.simulation.simulate import simulate
 
-# -- smooth problems of textbooks -----------------------------------------------------------------
-
 
 class Turning:
     """Cosines and sines as polynomials in w = exp(i t) and 1/w."""
@@ -120,9 +118,6 @@ def test_the_second_tongue_of_mathieu_has_its_known_edges():
         assert other == pytest.approx(eps**2 / 4, rel=5e-3)
         assert np.abs([matrix[0, 0], matrix[1, 1]]).max() < 1e-16
         assert np.abs(matrix[row, 1 - row]) in (pytest.approx(still), pytest.approx(other))
-
-
-# -- a block with dry friction, by hand -----------------------------------------------------------
 
 
 def pushed_block(push: float) -> Model:

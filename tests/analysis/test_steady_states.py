@@ -47,9 +47,6 @@ def pair(law: Law, eps: float, *, detuning: float = 0.5) -> Model:
 BOX = {"center_velocity": (-2.0, 2.0), "swing": (-2.0, 2.0)}
 
 
-# -- steady states ---------------------------------------------------------------------------------
-
-
 @settings(max_examples=examples(25))
 @given(roots=st.lists(st.integers(-8, 8), min_size=1, max_size=5, unique=True))
 def test_all_roots_of_a_polynomial_are_found_with_their_stability(roots: list[int]):
@@ -140,9 +137,6 @@ def test_models_that_are_not_autonomous_are_refused():
     t, x = ca.SX.sym("t"), ca.SX.sym("x")
     with pytest.raises(ArgumentError, match="depends on time"):
         Rates(Model("clock", x=[Signal("x", x)], ode=ca.cos(t) - x, t=t))
-
-
-# -- branches --------------------------------------------------------------------------------------
 
 
 def test_a_branch_goes_around_both_folds_of_a_cusp():

@@ -232,8 +232,7 @@ def test_states_that_are_not_stable_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("held", "said"),
-    [({"angle": [1]}, "has 1 entries"), ({"angle": [0]}, "nothing vibrates")],
+    ("held", "said"), [({"angle": [1]}, "has 1 entries"), ({"angle": [0]}, "nothing vibrates")]
 )
 def test_what_cannot_be_held_is_refused(held: dict[str, list[int]], said: str):
     with pytest.raises(ArgumentError, match=said):

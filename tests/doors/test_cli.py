@@ -353,13 +353,7 @@ def test_a_link_to_a_folder_is_followed(tmp_path: Path):
 )  # fmt: skip
 @pytest.mark.parametrize("kept", ["result", "motion", "nothing"])
 def test_what_was_found_before_a_failure_is_saved(
-    tmp_path: Path,
-    capsys: Capture,
-    study: Install,
-    error: Any,
-    code: int,
-    reason: str,
-    kept: str,
+    tmp_path: Path, capsys: Capture, study: Install, error: Any, code: int, reason: str, kept: str
 ):
     def stop(scene: Scene[Any], report: Report) -> Result:
         # a study that was stopped while it simulated hands on a motion, which is no Result

@@ -128,9 +128,6 @@ def test_a_kind_that_is_none_is_hinted_at(arguments: list[str], capsys: Capture)
     assert "did you mean gait?" in capsys.readouterr().err
 
 
-# -- schemas ---------------------------------------------------------------------------------------
-
-
 def test_a_schema_is_written_once(tmp_path: Path, capsys: Capture):
     command = ["schema", "gait", "-o", str(tmp_path / "gait.json")]
     assert main(command) == 0
@@ -138,9 +135,6 @@ def test_a_schema_is_written_once(tmp_path: Path, capsys: Capture):
     (tmp_path / "gait.json").write_text("mine")
     assert main(command) == 2
     assert "gait.json: is there already" in capsys.readouterr().err
-
-
-# -- list ------------------------------------------------------------------------------------------
 
 
 def test_the_list_is_filtered(capsys: Capture):
@@ -205,9 +199,6 @@ def test_every_synonym_is_a_word_of_the_list():
     for word, meant in SYNONYMS.items():
         assert word == word.casefold()
         assert not [each for each in meant.split() if not has_all([each], listed)], word
-
-
-# -- completion ------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,7 @@ import pytest
 
 from wormopt.magnetics.hydrostatics import Fluid, Langevin, Linear, flat_layer_pull, pull
 from wormopt.magnetics.material import MU0
-from wormopt.magnetics.ripples import (
-    field_stiffness,
-    flat_field,
-    growth_rate,
-    normal_field_number,
-)
+from wormopt.magnetics.ripples import field_stiffness, flat_field, growth_rate, normal_field_number
 
 LINEAR = Fluid(1200.0, 0.03, Linear(1.7))
 LANGEVIN = Fluid(1200.0, 0.03, Langevin(2.3, 3e4))

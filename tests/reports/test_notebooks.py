@@ -207,9 +207,6 @@ def test_a_line_holds_no_control_characters():
     assert line("a\x1b[31m\n\tb\u202e") == "a [31m b"
 
 
-# -- pictures ------------------------------------------------------------------------------------
-
-
 def test_a_result_draws_what_its_scene_wants_first(things: dict[str, Any]):
     result = things["result"]
     drawn = result.plot()
@@ -248,9 +245,6 @@ def test_signals_are_drawn_by_name(things: dict[str, Any]):
     assert len(drawn.axes[0].lines) == 41
     with pytest.raises(wo.UnknownNameError, match="'nonsense'"):
         things["motion"].plot("nonsense")
-
-
-# -- a notebook ----------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

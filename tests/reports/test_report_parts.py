@@ -27,8 +27,6 @@ from wormopt.study.toml import toml_text
 
 pytestmark = pytest.mark.usefixtures("unpainted")
 
-# The parts ---------------------------------------------------------------------------------------
-
 
 @pytest.mark.parametrize(
     ("value", "text"),
@@ -148,9 +146,6 @@ def test_what_is_written_on_a_map_can_be_read():
         assert (bright + 0.05) / (dark + 0.05) >= 4.5  # WCAG 2, level AA
 
 
-# The motion --------------------------------------------------------------------------------------
-
-
 def test_a_gait_is_shown_for_two_cycles(gait: Result):
     shown = moving(gait)
     assert shown is not None
@@ -236,9 +231,6 @@ def test_an_unfinished_motion_is_shown_as_far_as_it_came():
     )  # fmt: skip
     assert shown is not None
     assert shown.time[-1] == 3
-
-
-# Sweeps ------------------------------------------------------------------------------------------
 
 
 def test_a_sweep_is_a_map_of_its_points(sweep: Path, tmp_path: Path):

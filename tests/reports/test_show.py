@@ -35,9 +35,6 @@ def numbers(**values: Any) -> dict[str, Scalar]:
     return {name: Scalar(value) for name, value in values.items()}
 
 
-# -- groups --------------------------------------------------------------------------------------
-
-
 def test_what_was_asked_for_comes_first_and_effort_not_at_all():
     found = numbers(a=1, b=2, c=3, d=4, e=5, f=6, n_steps=7, recheck_error=0.0)
     shown = rows(made(scalars=found))
@@ -82,9 +79,6 @@ def test_the_entries_of_lists_are_named():
     error = Variable("error", "1", ("rival", "time"), np.ones((2, 3)))
     result = made(variables=(error,), attributes={"rivals": ["LQR", "tracker"]})
     assert rows(result)[""] == {"rivals": ("[LQR, tracker]", "")}
-
-
-# -- limits --------------------------------------------------------------------------------------
 
 
 def test_limits_are_sorted_by_what_they_are_worth():
@@ -136,9 +130,6 @@ def test_the_derivatives_of_a_design_are_told_in_per_cent():
     assert ("gait.rate", "1", "+0.789 %") in limits.rows
 
 
-# -- trust ---------------------------------------------------------------------------------------
-
-
 def test_trust_is_told_in_three_lines():
     checks = [Check("defect", 2e-10, 1e-9), Check("bound", -9e-8, 1e-7), Check("count", 0, 0)]
     result = made(
@@ -187,9 +178,6 @@ def test_results_of_all_kinds_are_shown(file: Path, capsys: Capture):
     assert max(map(len, lines)) <= 150
     assert main(["show", str(file), "--all"]) == 0
     assert len(capsys.readouterr().out.splitlines()) > len(lines) / 2
-
-
-# -- the command ---------------------------------------------------------------------------------
 
 
 @pytest.fixture

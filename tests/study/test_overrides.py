@@ -92,9 +92,6 @@ def test_any_dict_changes_a_scene_or_is_refused(changes: dict[str, Any]):
         assert error.faults  # noqa: PT017  both are right
 
 
-# -- hints -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("arguments", "hint"),
     [

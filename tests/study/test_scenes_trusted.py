@@ -29,8 +29,6 @@ from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.shared import proof, signals
 from wormopt.systems.shared.proof import warnings_of_contact
 
-# -- what is not trusted -------------------------------------------------------------------------
-
 
 def test_a_second_route_that_disagrees_makes_the_result_fail(tmp_path: Path, monkeypatch: Patch):
     def elsewhere(*given: Any, **options: Any) -> Any:
@@ -277,9 +275,6 @@ def test_a_motion_too_long_to_keep_is_sampled(tmp_path: Path, monkeypatch: Patch
     assert 0.9 < value(result, "input_peak") / value(whole, "input_peak") <= 1
 
 
-# -- the command line and the files --------------------------------------------------------------
-
-
 def test_pictures_are_drawn_and_left_out(tmp_path: Path, capsys: Capture):
     path = write(tmp_path, TRACK)
     out = tmp_path / "out"
@@ -329,9 +324,6 @@ def test_packaged_scenes_say_what_to_try(name: str):
             words = [w.strip("'") for w in line.split("--set ")[1:]]
             sets = [word.split("   ")[0].split(" (")[0].strip().strip("'") for word in words]
             load_scene(name, sets)
-
-
-# -- the documentation ---------------------------------------------------------------------------
 
 
 def test_the_page_on_simulation_runs(capsys: Capture):

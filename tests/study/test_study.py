@@ -27,17 +27,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Fault, UnknownNameError, WormoptError
 from wormopt.kinds import KINDS, Kind, studies_in
-from wormopt.study import (
-    Given,
-    Study,
-    array,
-    check,
-    entry,
-    parts,
-    positive,
-    scalar,
-    warning,
-)
+from wormopt.study import Given, Study, array, check, entry, parts, positive, scalar, warning
 from wormopt.study.given import RefusedError, plain
 from wormopt.study.types import FOLDER
 

@@ -348,18 +348,13 @@ def test_thick_bodies_are_told():
 
 def test_an_elastica_that_elliptic_integrals_deny_fails(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
-        segments,
-        "exact_elastica",
-        lambda closing, rise: exact_elastica(closing, 1.001 * rise),
+        segments, "exact_elastica", lambda closing, rise: exact_elastica(closing, 1.001 * rise)
     )
     result = shaped()
     assert result.status == "failed"
     assert "point_contact: differs by" in result.reason
     assert "sleeve: differs by" in result.reason
-    assert failed_checks(result) == [
-        "point contact",
-        "sleeve",
-    ]
+    assert failed_checks(result) == ["point contact", "sleeve"]
 
 
 BODIES = """

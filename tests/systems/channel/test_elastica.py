@@ -44,9 +44,6 @@ def held_at(length: float, rise: float) -> BoundarySolution:
     return solve_boundary(elastica("length"), lambda s: (free.at(s), free.p), path)
 
 
-# -- two routes -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("rise", RISES)
 @pytest.mark.parametrize("closing", BOTH)
 def test_collocation_finds_what_elliptic_integrals_give(closing: Any, rise: float):
@@ -127,9 +124,6 @@ def test_closed_forms_are_the_integrals_over_the_angle(delta: float, closing: An
     assert over(half_square) == pytest.approx(exact.energy, rel=1e-6)
 
 
-# -- where solutions end --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("closing", BOTH)
 def test_each_rise_has_one_segment(closing: Any):
     """Rises grow with the largest angle, so that there is no second root."""
@@ -161,9 +155,6 @@ def test_point_contact_takes_any_rise():
         exact_elastica("point_contact", 100.0)
 
 
-# -- energies -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("rise", [0.3, 0.7, 1.5])
 def test_of_all_lengths_the_sleeve_s_has_the_least_energy(rise: float):
     free, exact = solve("sleeve", rise), exact_elastica("sleeve", rise)
@@ -193,9 +184,6 @@ def test_point_contact_is_the_given_length_that_needs_no_tension():
     exact = exact_elastica("point_contact", 0.7)
     held = held_at(exact.length, 0.7)
     assert held.p[1:] == pytest.approx([exact.reaction, 0.0], abs=1e-10)
-
-
-# -- solver ---------------------------------------------------------------------------------------
 
 
 def test_the_error_falls_geometrically_with_the_degree():

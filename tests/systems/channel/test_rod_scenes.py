@@ -57,10 +57,7 @@ def test_a_row_on_both_sides_by_turns_is_the_sum_of_its_coils():
     assert np.abs(row.field(x, 0.0, currents, y) - total).max() < 1e-12 * np.abs(total).max()
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"gap": None}, {"sides": "one"}, {"pitch": 8e-3}],
-)
+@pytest.mark.parametrize("wrong", [{"gap": None}, {"sides": "one"}, {"pitch": 8e-3}])
 def test_rows_that_cannot_be_are_refused(wrong: dict[str, Any]):
     with pytest.raises(ArgumentError):
         replace(ROW, **wrong)
@@ -138,11 +135,7 @@ def test_blocks_move_one_coil_each_switch():
     assert blocks.counts == (3,)
 
 
-@given(
-    duration=st.floats(1.0, 4.0),
-    shift=st.floats(-0.8, 0.8),
-    every=st.integers(6, 12),
-)
+@given(duration=st.floats(1.0, 4.0), shift=st.floats(-0.8, 0.8), every=st.integers(6, 12))
 @settings(max_examples=examples(60))
 def test_every_coil_is_on_as_long_as_asked(duration: float, shift: float, every: int):
     blocks = switched_blocks(every, 1.0, duration, shift)

@@ -48,9 +48,6 @@ def inverse() -> Result:
     return solved(INVERSE, *SMALL, EVEN, "search.starts=3", "coils.ampere_turns=8000")
 
 
-# -- the field of a switched row -------------------------------------------------------------------
-
-
 def test_a_row_of_another_size_has_the_same_ripple(row: Result):
     """Many instants of the analysis are those of switches, which rounding must not divide."""
     small = ("pitch=1e-8", "inner_radius=2e-9", "outer_radius=4.5e-9", "length=20e-9")
@@ -116,9 +113,6 @@ def test_a_field_that_is_not_confirmed_fails(monkeypatch: pytest.MonkeyPatch):
     assert result.status == "failed"
     assert "by quadrature differs" in result.reason
     assert failed_checks(result) == ["field by quadrature"]
-
-
-# -- currents for a wave ---------------------------------------------------------------------------
 
 
 def test_the_field_that_a_wave_needs(inverse: Result):
@@ -251,9 +245,6 @@ def test_a_field_of_currents_that_is_not_confirmed_fails(monkeypatch: pytest.Mon
     assert failed_checks(result) == ["field by quadrature"]
 
 
-# -- what is refused -------------------------------------------------------------------------------
-
-
 test_what_no_row_can_be_is_refused = refusals(
     ROW,
     """
@@ -310,9 +301,6 @@ def test_coils_inside_the_fluid_are_those_that_the_line_meets(
         return
     with pytest.raises(SceneError, match="a coil inside the fluid"):
         load_scene(ROW, changes)
-
-
-# -- output ----------------------------------------------------------------------------------------
 
 
 def test_the_command_line_and_its_pictures(row: Result, inverse: Result, tmp_path: Path):

@@ -116,9 +116,6 @@ def test_balances_close_and_another_integrator_agrees(
     assert [x, v] == pytest.approx(known, abs=1e-6)
 
 
-# -- on the ground ---------------------------------------------------------------------------------
-
-
 @given(st.floats(0.02, 0.95))
 def test_a_thin_plate_without_friction_goes_with_the_mean_flow(delta: float) -> None:
     """x' = Q / h = 1 + C / h, so that the wave overtakes it in int -h / C = 2 pi / -C."""
@@ -229,8 +226,6 @@ def test_little_mass_leaves_the_drift_by_quadrature() -> None:
     assert errors[0] > 4 * errors[1] > 8 * errors[2]
     assert errors[2] < 2e-6
 
-
-# -- scenes ----------------------------------------------------------------------------------------
 
 FILM: dict[str, Any] = {"schema": 1, "kind": "film-body", "film": {"delta": 0.5}}
 FLUID = {

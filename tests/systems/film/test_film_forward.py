@@ -44,9 +44,6 @@ def packaged() -> Result:
     return wo.run(load_scene("film_forward", ["time.periods=20"]))
 
 
-# -- where films go --------------------------------------------------------------------------------
-
-
 def test_the_packaged_film_takes_the_wave():
     result = packaged()
     assert result.status == "ok"
@@ -166,9 +163,6 @@ def test_a_small_map(tmp_path: Path):
     assert value(result, "map_wave_stable_not_reached") == 1
 
 
-# -- fields of one's own ---------------------------------------------------------------------------
-
-
 def samples(points: int = 48) -> np.ndarray:
     wave = CosineWave(0.5)
     return wave.peak(0.1).value - wave.field_function(grid(points), 0.1)
@@ -245,9 +239,6 @@ def test_a_start_of_samples(tmp_path: Path):
     start = f'start={{shape="samples", samples={h.tolist()}}}'
     result = run(tmp_path, start, "time.periods=1")
     assert value(result, "distance_to_wave") < 1e-9
-
-
-# -- refusals --------------------------------------------------------------------------------------
 
 
 test_bad_films_are_refused = refusals(

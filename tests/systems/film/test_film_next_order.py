@@ -35,8 +35,6 @@ from wormopt.systems.film.shapes import FourierWave
 
 Function: Any = sp.Function  # its types do not say that it makes functions
 
-# -- derived ---------------------------------------------------------------------------------------
-
 x, z, C, change = sp.symbols("x z C change")
 h = Function("h")(x)
 SLOPE, BEND = sp.diff(h, x), sp.diff(h, x, 2)
@@ -119,9 +117,6 @@ def test_the_closed_form_of_the_cosine_wave(monkeypatch: pytest.MonkeyPatch):
     assert sp.nsimplify(sp.cancel(sp.nsimplify(ours - closed))) == 0
 
 
-# -- low waves, any thickness ----------------------------------------------------------------------
-
-
 @cache
 def low_wave_flow() -> Any:
     """Mean flow over delta² of waves of next to no height, for any eps, from linear Stokes flow."""
@@ -153,9 +148,6 @@ def test_the_bar_holds_low_waves_up_to_6_4_and_no_further():
 
     assert max(outside(e) for e in np.linspace(0.05, REACH, 30)) < 0.2
     assert outside(6.4) < 1 < outside(6.5)
-
-
-# -- two dimensions --------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -251,9 +243,6 @@ def test_thicker_films_hold_floats_in_lower_waves():
     assert shift > 0.004
     assert slow_flow(CosineWave(high + shift / 4), 0.3).drift == 1.0
     assert slow_flow(CosineWave(high - shift / 4), 0.3).drift < 1.0
-
-
-# -- use -------------------------------------------------------------------------------------------
 
 
 def test_ways_agree_and_small_eps_is_lubrication():

@@ -63,9 +63,6 @@ class Spectral:
         return self.first @ own
 
 
-# -- the equation ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("points", [64, 65])
 def test_rates_are_those_of_the_conservation_law(points: int):
     """Against Fourier differentiation, for a film that is far from steady."""
@@ -148,9 +145,6 @@ def test_growth_of_a_ripple_on_an_unstable_wave():
     assert math.log(grown) / 4.0 == pytest.approx(growth.real, rel=1e-3)
 
 
-# -- in time ---------------------------------------------------------------------------------------
-
-
 def test_a_flat_film_settles_on_the_cosine_wave():
     wave, points, periods = CosineWave(0.5), 128, 50
     film = thin_film(slope_of(wave, 0.1, points), 0.1)
@@ -196,9 +190,6 @@ def test_a_drop_folds_where_it_loses_stability():
     lost = np.flatnonzero(np.diff(branch.stable.astype(int)) != 0)
     assert len(lost) == 1
     assert np.abs(branch.parameter[lost[0]] - fold.parameter) < 5e-3
-
-
-# -- shapes and refusals ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("points", "order"), [(32, 4), (33, 12), (128, 14)])

@@ -25,13 +25,7 @@ from wormopt.systems.spiked.crawl import crawl
 
 # Ceilings over the rate by the number of anchors, from 1 on.
 CEILINGS: dict[Anchoring, dict[int, str]] = {
-    "clamp": {
-        2: "0 0",
-        3: "1/2 0 0",
-        4: "1 1/3 0 0",
-        5: "3/2 2/3 1/4 0 0",
-        6: "2 1 1/2 1/5 0 0",
-    },
+    "clamp": {2: "0 0", 3: "1/2 0 0", 4: "1 1/3 0 0", 5: "3/2 2/3 1/4 0 0", 6: "2 1 1/2 1/5 0 0"},
     "mid": {
         2: "1/2 0",
         3: "1 1/4 0",

@@ -66,9 +66,6 @@ def at_rest(model: Model, exponent: float, expression: ca.SX) -> np.ndarray:
     return np.asarray(value)
 
 
-# -- the model -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("segments", [2, 3, 5, 9])
 def test_drag_that_does_not_hang_on_length_moves_nothing(segments: int):
     model = drag_worm(segments, 0.0)
@@ -130,9 +127,6 @@ def test_a_worm_without_segments_or_size_is_refused():
     for given_ in ({"segments": 1}, {"segments": 3, "drag": 0.0}):
         with pytest.raises(ArgumentError, match="two or more segments"):
             drag_worm(**{"exponent": 1.0, **given_})  # pyright: ignore[reportArgumentType]
-
-
-# -- small gaits -----------------------------------------------------------------------------------
 
 
 def test_gains_in_closed_form_are_the_eigenvalues():
@@ -211,9 +205,6 @@ def test_small_gaits_that_go_nowhere_are_refused():
         segments, exponent, fixed = arguments
         with pytest.raises(ArgumentError, match="no gait has a net displacement"):
             small_gaits(segments, exponent, fixed_total=fixed)
-
-
-# -- large gaits -----------------------------------------------------------------------------------
 
 
 def solved(*changes: str) -> Result:

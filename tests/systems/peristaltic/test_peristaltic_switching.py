@@ -193,9 +193,6 @@ def test_periods_that_are_longer_than_any_use_change_nothing(aim: Aim):
     assert FREE.that_count(TWO) == FREE
 
 
-# -- the scene -------------------------------------------------------------------------------------
-
-
 def solved(*changes: str) -> Result:
     return wo.run(load_scene("peristaltic_switching", ["want=[]", *changes]))
 

@@ -179,9 +179,6 @@ def test_a_phase_that_all_but_meets_a_stop_leaves_no_sliver_between(cycle):
     assert np.abs(cross(told.points, told.forces).sum(axis=1)).max() < 1e-9
 
 
-# -- scenes ----------------------------------------------------------------------------------------
-
-
 def _solved(name: str, *changes: str):
     result = wo.run(load_scene(name, ["want=[]", *changes]))
     return result, {key: told.value for key, told in result.scalars.items()}

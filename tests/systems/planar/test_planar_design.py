@@ -58,9 +58,6 @@ def aim_of(shape: Shape, ground: Ground, **more) -> PlanarAim:
     )
 
 
-# -- motion of polygons ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("size", [math.pi / 3, 1.0, 0.5])
 def test_squares_of_purcells_swimmer(size: float):
     known = {math.pi / 3: 0.191247237630, 1.0: 0.180562563321, 0.5: 0.057396871434}
@@ -111,9 +108,6 @@ def test_mirrors_and_paces(seed: int, body: tuple[Shape, Ground]):
         back = steps.sides(corners[::-1]).total
         there = steps.sides(np.roll(corners, 1, axis=0)).total  # of which `back` is the way back
         assert compose(there, back) == pytest.approx(np.zeros(3), abs=1e-6)
-
-
-# -- bounds ----------------------------------------------------------------------------------------
 
 
 @settings(max_examples=examples(12))
@@ -195,9 +189,6 @@ def test_a_mass_that_holds_what_all_others_pull_never_moves(seed: int, more: flo
     turned = Steps(TWO, ground, parts=4, points=6).sides(corners).total
     head = np.asarray(TWO.kinematics(corners[0])[0])[:, 1]
     assert compose(turned, np.append(head, 0.0))[:2] == pytest.approx(head, abs=1e-6)
-
-
-# -- designs ---------------------------------------------------------------------------------------
 
 
 def swimmer_aim(size: float = 1.0, drag: float = 1.0, pace: float = 1.0, **more) -> PlanarAim:
@@ -315,9 +306,6 @@ def test_no_worse_than_differential_evolution():
 
     other = differential_evolution(cost, [(-1, 1)] * 12, rng=1, maxiter=60, popsize=5, polish=False)
     assert design_stroke(aim, starts=4).value >= -other.fun
-
-
-# -- the page --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

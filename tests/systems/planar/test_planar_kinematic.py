@@ -60,9 +60,6 @@ def pose_of(places: np.ndarray) -> np.ndarray:
     return np.array([*places[0], np.arctan2(d[1], d[0])])
 
 
-# -- the way in a stroke ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("stroke", "turn"),
     [
@@ -173,9 +170,6 @@ def test_velocity_of_random_constraints_is_that_of_least_squares(seed: int, link
         assert np.abs(own - v[2 * i : 2 * i + 2]).max() < 1e-7 * max(scale, 1.0)
 
 
-# -- singular shapes -------------------------------------------------------------------------------
-
-
 @settings(max_examples=examples(25))
 @given(SEEDS)
 def test_pin_and_skid_are_singular_where_the_heading_is_perpendicular(seed: int):
@@ -247,9 +241,6 @@ def test_two_pins_need_their_distance():
     motion = kinematic_motion(WORM, Rounds(), pins)  # type: ignore[arg-type]
     assert motion.contradiction < 1e-12
     assert np.abs(motion.displacement).max() < 1e-12
-
-
-# -- loads -----------------------------------------------------------------------------------------
 
 
 @settings(max_examples=examples(10))

@@ -39,9 +39,6 @@ POST = {"shape": "disc", "centre": [1.6, 0.1], "radius": 0.3}
 WALL = {"shape": "wall", "point": [1.5, 0.0], "angle": 3.14159}
 
 
-# -- links that close up ---------------------------------------------------------------------------
-
-
 def pulled(force: float) -> Model:
     """Two masses 1 that nothing resists, 1 apart, pulled together by a constant force."""
     worm = planar_chain(1, mass=1.0, stiffness=0.0, damping=0.0, rest_length=1.0)
@@ -73,9 +70,6 @@ def test_a_scene_whose_link_closes_is_given_up_with_what_to_change() -> None:
     assert e.value.code == "link_closed"
     assert e.value.partial.status == "failed"
     assert len(e.value.partial["time"].values) < 31
-
-
-# -- obstacles in scenes ---------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -169,9 +163,6 @@ def test_stiff_obstacles_are_rigid_ones(obstacle: Disc | Wall) -> None:
     assert errors[2] < 0.75 * errors[1]
 
 
-# -- releases --------------------------------------------------------------------------------------
-
-
 def pushed(law: Any, load: Any, size: int = 2) -> Model:
     """A mass 1 at rest under a load that depends on time."""
     r, v, f = (ca.SX.sym(name, size) for name in "rvf")
@@ -253,9 +244,6 @@ def test_on_a_line_it_lets_go_early_at_first_order_but_for_a_logarithm() -> None
     scaled = widths * np.log(1 / widths)
     assert np.diff(np.log(ahead)) / np.diff(np.log(scaled)) == pytest.approx(1.0, abs=0.1)
     assert (np.array(ahead) < widths * np.log(1 / widths)).all()
-
-
-# -- steps that know no events ---------------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -314,10 +314,7 @@ def test_harmonics_are_added_until_they_change_nothing() -> None:
 
 
 def _searched(across: float, starts: int) -> wo.Result:
-    return wo.run(
-        "planar_purcell",
-        {"ground.across": across, "search.starts": starts, "want": []},
-    )
+    return wo.run("planar_purcell", {"ground.across": across, "search.starts": starts, "want": []})
 
 
 @pytest.mark.slow

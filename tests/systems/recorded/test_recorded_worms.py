@@ -146,10 +146,7 @@ def test_words_in_a_column_that_is_a_signal_are_refused(tmp_path: Path):
         ({"units": "dimensionless"}, '"ms" is a unit in a scene without'),
         ({"recording": []}, r"write a table \[\[recording\]\]"),
         ({"unknown": [{"name": "stiffness", "start": 1, "lower": 2}]}, "start: 1 is below lower"),
-        (
-            {"unknown": [{"name": "damping"}] * 2},
-            r'unknown\[1\].name: "damping" appears twice',
-        ),
+        ({"unknown": [{"name": "damping"}] * 2}, r'unknown\[1\].name: "damping" appears twice'),
         ({"model": {"kind": "simulate", "worm": {"links": 0}}}, r"model\.worm\.links"),
         ({"want": ["prediction"]}, 'write use = "predict"'),
         ({"want": ["profiles"]}, "write profiles = true"),

@@ -23,13 +23,7 @@ from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.swinging import steady as steadies
 from wormopt.systems.swinging.harmonic_masses import Masses
 from wormopt.systems.swinging.prescribed import harmonic_masses
-from wormopt.systems.swinging.steady import (
-    Runner,
-    SlowVelocity,
-    Steady,
-    sign_changes,
-    tends_to,
-)
+from wormopt.systems.swinging.steady import Runner, SlowVelocity, Steady, sign_changes, tends_to
 
 # -- what a scene says of itself -------------------------------------------------------------------
 
