@@ -31,9 +31,7 @@ from wormopt.systems.channel.closed_forms import (
     SAMPLE_2,
     SHAPES,
     ChannelWorm,
-    Shape,
     arc_length,
-    center_line,
     segment_count,
 )
 from wormopt.systems.channel.curve import distances, graph_curve
@@ -94,34 +92,11 @@ def test_arc_lengths_by_other_means(slope: float, pitch: float):
     """scipy's elliptic integral; adaptive quadrature; Pythagoras."""
     rise = slope * pitch
     sine = 2 * pitch / math.pi * ellipe(-((math.pi * slope / 2) ** 2))
-    beam = (
-        pitch
-        * quad(lambda x: math.hypot(1, 6 * slope * x * (1 - x)), 0, 1, epsabs=0, epsrel=1e-13)[0]
-    )
+    steep = lambda x: math.hypot(1, 6 * slope * x * (1 - x))  # noqa: E731
+    beam = pitch * quad(steep, 0, 1, epsabs=0, epsrel=1e-13)[0]
     assert arc_length("sine", pitch, rise) == pytest.approx(sine, rel=1e-14)
     assert arc_length("beam", pitch, rise) == pytest.approx(beam, rel=1e-12)
     assert arc_length("line", pitch, rise) == pytest.approx(math.hypot(pitch, rise), rel=1e-14)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_arc_lengths_are_those_of_the_centre_lines(shape: Shape):
-    for worm, *_ in REFERENCE:
-        curve = graph_curve(lambda x, w=worm: w.center_line(shape, x), worm.pitch)
-        assert worm.arc_length(shape) == pytest.approx(curve.length, rel=1e-14)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_centre_lines_go_from_wall_to_wall(shape: Shape):
-    x = ca.SX.sym("x")
-    y = center_line(shape, x, 10.0, 11.0, 4.0)
-    line = ca.Function("line", [x], [y, ca.gradient(y, x)])
-    ends = [[float(number) for number in line(place)] for place in (0.0, 10.0)]
-    slope = 0.7 if shape == "line" else 0.0  # the others lie along the walls
-    assert ends[0] == pytest.approx([2.0, slope], abs=1e-14)
-    assert ends[1] == pytest.approx([9.0, slope], abs=1e-14)
-    assert float(line(5.0)[0]) == pytest.approx(5.5)
-    several = center_line(shape, np.array([0.0, 2.0]), 10.0, 11.0, 4.0)
-    assert several[1] == pytest.approx(float(line(2.0)[0]), rel=1e-14)
 
 
 def test_bodies_of_expressions():

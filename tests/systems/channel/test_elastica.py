@@ -197,17 +197,16 @@ def test_the_error_falls_geometrically_with_the_degree():
     assert errors[2] < errors[1] / 50
 
 
-def test_what_is_not_resolved_is_told():
+def test_what_is_not_resolved_and_a_guess_that_leads_nowhere_are_told():
     with pytest.raises(SolveError, match="do not resolve") as caught:
         solve("point_contact", 5.0, degree=16, most=32)
     assert caught.value.code == "unresolved"
 
+    def nowhere(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.full((5, len(s)), np.nan), np.zeros(3)
 
-def test_a_guess_that_leads_nowhere_is_told():
     with pytest.raises(SolveError, match="first guess") as caught:
-        solve_boundary(
-            elastica("sleeve"), lambda s: (np.full((5, len(s)), np.nan), np.zeros(3)), [[0.7]]
-        )
+        solve_boundary(elastica("sleeve"), nowhere, [[0.7]])
     assert caught.value.code == "no_start"
 
 
