@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import hypothesis.strategies as st
 import mpmath as mp
 import numpy as np
@@ -61,25 +60,6 @@ def by_hand(what: str, mu_r: Any, eta: Any, H: Any) -> Any:
 @pytest.mark.parametrize("numbers", MATERIALS)
 def test_the_formulas_are_those_of_the_chapter(what: str, numbers: tuple[float, float, float]):
     assert float(LAWS[what](*numbers)) == pytest.approx(float(by_hand(what, *numbers)), rel=1e-13)
-
-
-@pytest.mark.parametrize("what", LAWS)
-@pytest.mark.parametrize("numbers", MATERIALS[:3])
-def test_symbolic_derivatives_are_those_of_differences(
-    what: str, numbers: tuple[float, float, float]
-):
-    symbols = ca.SX.sym("mu_r_eta_H", 3)
-    value = LAWS[what](*ca.vertsplit(symbols))
-    slopes: Any = ca.Function("slopes", [symbols], [ca.gradient(value, symbols)])(numbers)
-    for k, slope in enumerate(slopes.full().ravel()):
-
-        def along(x: Any, k: int = k) -> Any:
-            return by_hand(what, *(x if i == k else n for i, n in enumerate(numbers)))
-
-        with mp.workdps(40):
-            step = mp.mpf(numbers[k]) * mp.mpf("1e-12")
-            difference = (along(numbers[k] + step) - along(numbers[k] - step)) / (2 * step)
-        assert slope == pytest.approx(float(difference), rel=1e-11)
 
 
 def test_arrays_are_taken_as_they_are():
