@@ -13,6 +13,7 @@ from places import ROOT, SAVED
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.digest import groups, headline, trust
+from wormopt.kinds import KINDS
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
 
@@ -24,11 +25,8 @@ def made(**given: Any) -> Result:
 
 def rows(result: Result) -> dict[str, dict[str, tuple[str, ...]]]:
     """Groups of a result by heading: name, then value and remark."""
-    return {
-        part.heading: {row[0]: tuple(row[1:]) for row in part.rows}
-        for part in groups(result)
-        if part.rows
-    }
+    shown = [part for part in groups(result) if part.rows]
+    return {part.heading: {row[0]: tuple(row[1:]) for row in part.rows} for part in shown}
 
 
 def numbers(**values: Any) -> dict[str, Scalar]:
@@ -51,8 +49,6 @@ def test_a_kind_says_what_comes_first():
 
 
 def test_every_kind_names_scalars_that_it_declares():
-    from wormopt.kinds import KINDS
-
     tables = [kind.load() for kind in KINDS.values()]
     assert sum(len(table.headline) > 0 for table in tables) >= 10
     for table in tables:
@@ -82,12 +78,8 @@ def test_the_entries_of_lists_are_named():
 
 
 def test_limits_are_sorted_by_what_they_are_worth():
-    known = {
-        "objective": "speed",
-        "name": ["gait.length", "gait.rate", "worm.mass"],
-        "value": [1.0, 2.0, 3.0],
-        "unit": ["m", "m s-1", "kg"],
-    }
+    known = {"objective": "speed", "name": ["gait.length", "gait.rate", "worm.mass"],
+             "value": [1.0, 2.0, 3.0], "unit": ["m", "m s-1", "kg"]}  # fmt: skip
     share = Variable("limit_elasticity", "1", ("limit",), np.array([0.0, 0.25, -0.5]))
     result = made(
         scalars=numbers(speed=1.0, rate_limit=2.0) | {"sensitivity.gait.rate": Scalar(0.125)},
@@ -132,14 +124,12 @@ def test_the_derivatives_of_a_design_are_told_in_per_cent():
 
 def test_trust_is_told_in_three_lines():
     checks = [Check("defect", 2e-10, 1e-9), Check("bound", -9e-8, 1e-7), Check("count", 0, 0)]
-    result = made(
-        trust={
-            "checks": {check.name: check.found() for check in checks},
-            "recheck": [{"route": "cvodes", "error": 1e-9}, {"route": "idas", "error": -2e-9}],
-            "warnings": ["one thing", "another"],
-        }
-    )
-    assert list(trust(result)) == [
+    told = {
+        "checks": {check.name: check.found() for check in checks},
+        "recheck": [{"route": "cvodes", "error": 1e-9}, {"route": "idas", "error": -2e-9}],
+        "warnings": ["one thing", "another"],
+    }
+    assert list(trust(made(trust=told))) == [
         "ok; the worst of 3 checks, bound, is -9e-08, 90 % of the 1e-07 accepted",
         "second route: cvodes, idas, differs by 2e-09",
         "2 warnings: one thing; another",
@@ -244,15 +234,12 @@ def test_a_damaged_file_is_refused_wherever_it_is_cut(folder: Path, capsys: Capt
         assert "is no result of wormopt, or a damaged one" in capsys.readouterr().err
 
 
-PAGES = ROOT
-
-
 def test_pages_show_what_is_printed(capsys: Capture, tmp_path: Path):
     """Lines of the designed gait and of the given one; the size of a rounding error excepted."""
     shown: list[str] = []
     ours = ("  speed  ", "Limits, and", "Trust:", "smallest_load")
     for page in ("README.md", "docs/quickstart.md"):
-        text, before = (PAGES / page).read_text(encoding="utf-8"), len(shown)
+        text, before = (ROOT / page).read_text(encoding="utf-8"), len(shown)
         blocks = [block for block in text.split("```")[1::2] if block.startswith("\n")]
         own = [block for block in blocks if any(word in block for word in ours)]
         shown += [line for block in own for line in block.splitlines()]

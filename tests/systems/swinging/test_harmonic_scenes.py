@@ -12,10 +12,9 @@ from hints import Patch
 from outcomes import failed_checks, refusals, refused, value
 from swinging_masses import COULOMB, PERIOD, SCENE, THIRDS, mean_force, solved, solved_anew
 
-import wormopt as wo
 from wormopt.analysis.average import average
 from wormopt.cli import main
-from wormopt.errors import SceneError, SolveError
+from wormopt.errors import SolveError
 from wormopt.model.friction import Stribeck
 from wormopt.result import Result
 from wormopt.study import load_scene
@@ -121,12 +120,17 @@ def test_masses_that_reverse_at_once_go_at_half_their_amplitude():
     assert value(result, "velocity_ripple") < 1e-9
 
 
+# falls from 0.03 at rest to 0.001
+FALLING = (
+    'worm.friction={kind="stribeck", forward=0.001, backward=0.001, stick_forward=0.03, '
+    "stick_backward=0.03, v_stribeck=0.8}"
+)
+
+
 @pytest.mark.slow
 def test_friction_that_falls_with_velocity_lets_equals_go_either_way():
-    law = 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, stick_forward=0.03, '
-    law += "stick_backward=0.03, v_stribeck=0.8}"
     ahead, back, still = (
-        solved(law, f"start.velocity={V}", "time.periods=2") for V in (0.1, -0.1, 0.0)
+        solved(FALLING, f"start.velocity={V}", "time.periods=2") for V in (0.1, -0.1, 0.0)
     )
     back_V, rest, ahead_V = value(ahead, "steady_velocities")
     assert value(ahead, "steady_stable") == [1, 0, 1]
@@ -164,10 +168,7 @@ def test_a_velocity_that_may_be_zero_is_unknown():
 
 
 @pytest.mark.slow
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "lost", [pytest.param("not_finite", marks=pytest.mark.slow), "no_periodic_motion"]
-)
+@pytest.mark.parametrize("lost", ["not_finite", "no_periodic_motion"])
 def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: Patch, lost: str):
     def orbit(self: Runner, guess: float, **options: Any):
         if abs(guess) < 0.1:
@@ -176,9 +177,7 @@ def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: Patch, lost: 
 
     honest = Runner.orbit
     monkeypatch.setattr(Runner, "orbit", orbit)
-    law = 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, stick_forward=0.03, '
-    law += "stick_backward=0.03, v_stribeck=0.8}"
-    result = solved_anew(law, "start.velocity=0.1", "time.periods=2")
+    result = solved_anew(FALLING, "start.velocity=0.1", "time.periods=2")
     assert result.status == "ok"
     back, rest, ahead = value(result, "exact_velocities")
     assert rest is None
@@ -186,7 +185,7 @@ def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: Patch, lost: 
     assert "center" in {variable.name for variable in result.variables}
     assert any("no exact motion was found at the steady" in t for t in result.trust["warnings"])
     # the one chosen is needed
-    chosen = solved_anew(law, "start.velocity=0", "time.periods=2")
+    chosen = solved_anew(FALLING, "start.velocity=0", "time.periods=2")
     assert chosen.status == "failed"
     assert "none here" in chosen.reason
     assert "center" in {variable.name for variable in chosen.variables}
@@ -225,11 +224,8 @@ def test_units_and_masses_scale_the_answer():
         'units="SI"', "worm.mass=100", "worm.frequency=2", "worm.harmonic.0.amplitude=10",
         "worm.friction.forward=12", "worm.friction.backward=40",
     )  # fmt: skip
-    for name, factor in (
-        ("velocity_exact_mean", 10),
-        ("averaging_error_second", 10),
-        ("advance", 5),
-    ):
+    factors = {"velocity_exact_mean": 10, "averaging_error_second": 10, "advance": 5}
+    for name, factor in factors.items():
         assert value(large, name) == pytest.approx(factor * value(plain, name), rel=1e-6)
     assert large.scalars["velocity_steady"].unit == "m s-1"
     assert large.scalars["power_mean"].unit == "W"
@@ -360,5 +356,4 @@ def test_a_place_is_nothing_for_averages():
 @pytest.mark.parametrize("side", ["forward", "backward"])
 def test_friction_too_large_to_be_followed_is_refused_at_once(side: str):
     """Impulse in a period, 2 pi 1e9 on each of three masses of speed 1: 2 pi 1e9 of momentum."""
-    with pytest.raises(SceneError, match=r"worm.friction: .* by 6.28e\+09 .* smaller by 6.3"):
-        wo.run(load_scene("three_masses_harmonic", [f"worm.friction.{side}=1e9"]))
+    refused(SCENE, f"worm.friction.{side}=1e9", "worm.friction", "by 6.28e+09")
