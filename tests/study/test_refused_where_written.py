@@ -256,16 +256,15 @@ def at_end(name: str, row: int, low: float, high: float) -> Constraint:
     return Constraint(name, ENDS.end[row], low, high)
 
 
+MOVED = Constraint("way", ENDS.end - ENDS.start, [3, -9], [3, 9])
+
+
 @pytest.mark.parametrize(
     ("at_ends", "changes", "named"),
     [
         ([at_end("target", 0, 1, 1), at_end("goal", 0, 2, 2)], {}, {"target", "goal"}),
         ([at_end("far", 0, 1, np.inf)], {"periodic": ["position"]}, {"far", "periodic position"}),
-        (
-            [Constraint("way", ENDS.end - ENDS.start, [3, -9], [3, 9]), at_end("near", 0, -1, 2)],
-            {},
-            {"way", "near"},
-        ),
+        ([MOVED, at_end("near", 0, -1, 2)], {}, {"way", "near"}),
     ],
 )
 def test_contradictions_of_the_ends_are_named(at_ends, changes: dict, named: set[str]):
@@ -309,11 +308,9 @@ def test_numbers_of_numpy_and_casadi_are_numbers():
     assert hash(law) == hash(Coulomb(1.0, 2.0))
     assert Signal("way", q, nominal=untyped(np.array(2.0)), lower=untyped(np.array(0.0))).lower == 0
     assert Signal("ways", stray, value=untyped(ca.DM([1.0, 2.0]))).value == (1.0, 2.0)
-    assert wo.Tolerance(max_steps=untyped(1e4)).max_steps == 10_000
-    assert wo.simulate(CART, 1.0, tolerance=wo.Tolerance(max_steps=untyped(1e4))).end.tolist() == [
-        0,
-        0,
-    ]
+    tolerance = wo.Tolerance(max_steps=untyped(1e4))
+    assert tolerance.max_steps == 10_000
+    assert wo.simulate(CART, 1.0, tolerance=tolerance).end.tolist() == [0, 0]
     assert Mesh(2, [1, 2], RULE, shares=[1.0, 0.25, 0.75]).total == 3
     assert wo.ModeSequence(untyped([[0, 1], np.array([1, 0])])).phases == ((0, 1), (1, 0))
 
@@ -360,9 +357,8 @@ def test_misspelt_scalars_states_and_parameters_have_a_hint():
 
 def test_numbers_of_laws_may_become_parameters_later():
     law = Coulomb(stray[0], 2.0)
-    early = model(
-        contacts=[replace(CONTACT, law=law)], outputs=[Output("grip", stray[0])], ode=CART.ode + f
-    )
+    grips, outputs = [replace(CONTACT, law=law)], [Output("grip", stray[0])]
+    early = model(contacts=grips, outputs=outputs, ode=CART.ode + f)
     late = replace(early, p=[Signal("grips", stray, value=1.0)])
     assert late.n_x == 2
     named = "forward of the law of contact sole holds .*: stray_0; add Signal"
