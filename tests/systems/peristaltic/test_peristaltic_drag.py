@@ -97,9 +97,8 @@ def test_the_drags_sum_to_zero_and_rings_keep_their_lengths():
     model = drag_worm(4, -1.3, length=0.7)
     symbols = [model["length"], model["rate"], model["exponent"], model["position"]]
     places = rings(model["position"], model["length"])
-    turned = ca.jtimes(places, model["length"], model["rate"]) + ca.jtimes(
-        places, model["position"], model["speed"]
-    )
+    turned = ca.jtimes(places, model["length"], model["rate"])
+    turned += ca.jtimes(places, model["position"], model["speed"])
     found = ca.Function("found", symbols, [places, turned])
     noise = np.random.default_rng(1)
     lengths, rates = noise.uniform(0.5, 2, 4), noise.normal(size=4)
@@ -188,8 +187,6 @@ def test_a_wave_of_fixed_length_is_quadratic_at_any_amplitude():
         exact = np.pi * size**2 / 2 / math.tan(np.pi / segments)
         assert displacement(wave.gait(cost), 1.0) == pytest.approx(exact, rel=1e-12)
         assert wave.way(1.0, cost) == pytest.approx(exact, rel=1e-12)
-    assert displacement(small_gaits(3, 1.0, fixed_total=True)[0].gait(
-        2 * np.pi**2 * 0.09 * 3), 1.0) == pytest.approx(0.0816209714, abs=6e-11)  # fmt: skip
 
 
 @settings(max_examples=examples(20))
@@ -201,8 +198,7 @@ def test_no_gait_of_fixed_length_outdoes_the_wave(seed: int, segments: int):
 
 
 def test_small_gaits_that_go_nowhere_are_refused():
-    for arguments in ((3, 0.0, False), (2, 1.0, True)):
-        segments, exponent, fixed = arguments
+    for segments, exponent, fixed in ((3, 0.0, False), (2, 1.0, True)):
         with pytest.raises(ArgumentError, match="no gait has a net displacement"):
             small_gaits(segments, exponent, fixed_total=fixed)
 
@@ -241,9 +237,8 @@ def test_the_best_gait_of_two_segments():
     s = (nodes + 1) / 2
     sums = 2 + np.multiply.outer((a + b).sum(axis=1) / 2, s)
     areas = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    assert abs(areas @ (weights / 2 * s / (2 * sums)).sum(axis=1)) == pytest.approx(
-        0.20975, rel=1e-3
-    )
+    way = abs(areas @ (weights / 2 * s / (2 * sums)).sum(axis=1))
+    assert way == pytest.approx(0.20975, rel=1e-3)
 
 
 @pytest.mark.slow
