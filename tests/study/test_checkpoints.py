@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import pytest
+from hints import Patch
 
 from wormopt import fingerprint as kept
 from wormopt.fingerprint import code_key, fingerprint
@@ -44,7 +44,7 @@ def test_what_computes_counts_and_what_shows_does_not():
         assert not [name for name in found if room in name.split(".")]
 
 
-def test_folders_differ_by_work_and_by_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_folders_differ_by_work_and_by_code(tmp_path: Path, monkeypatch: Patch):
     assert checkpoints("rods", ROD) == checkpoints("rods", ROD)
     assert checkpoints("rods", ROD) != checkpoints("others", ROD)
     root = tmp_path / "wormopt"

@@ -20,7 +20,7 @@ import hypothesis.strategies as st
 import msgspec
 import numpy as np
 import pytest
-from hints import Capture
+from hints import Capture, Patch
 from hypothesis import assume, given
 from small_kinds import CALLS, Chain, Pull, Pulled, Soft, Spring, pull
 
@@ -404,7 +404,7 @@ def test_a_study_is_a_scene_and_a_scene_gives_it_back():
 
 
 @pytest.fixture
-def toy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+def toy(monkeypatch: Patch, tmp_path: Path) -> Path:
     """A scene of the kind, in a folder that is the current one."""
     monkeypatch.setitem(KINDS, "toy-pull", Kind("pull", "Pull", __name__))
     monkeypatch.chdir(tmp_path)
