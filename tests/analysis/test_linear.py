@@ -303,7 +303,7 @@ def test_poles_of_two_masses_by_hand():
 def test_poles_of_three_masses_by_hand():
     """Without drag the modes of the lengths have the factors 1 and 3; the masses move freely."""
     linear = linearise(worm(2, damping=0.5), output="length")
-    modes = np.concatenate([np.roots([1, factor * 0.5, factor * 10]) for factor in (1, 3)])
+    modes: Any = np.concatenate([np.roots([1, factor * 0.5, factor * 10]) for factor in (1, 3)])
     assert np.allclose(linear.poles[-2:], 0, atol=1e-13)
     assert np.allclose(np.sort_complex(linear.poles[:4]), np.sort_complex(modes), rtol=1e-12)
 

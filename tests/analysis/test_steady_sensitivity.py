@@ -31,7 +31,7 @@ def linear(n: int) -> Model:
 TWO = linear(2)
 
 
-def steady(matrix: Sequence[float], push: Sequence[float]) -> SteadyState:
+def steady(matrix: Sequence[float] | np.ndarray, push: Sequence[float]) -> SteadyState:
     numbers = {"matrix": matrix, "push": push}
     (state,) = steady_states(TWO, {"x": (-9.0, 9.0)}, p=numbers, starts=5)
     return state

@@ -68,7 +68,7 @@ def test_the_beam_is_a_thin_tube():
 @pytest.mark.parametrize("place", range(6))
 def test_what_is_no_membrane_is_refused(place: int, bad: Any):
     with pytest.raises(ArgumentError, match="must be a number above 0"):
-        Membrane(*NUMBERS[:place], bad, *NUMBERS[place + 1 :])
+        Membrane(*(bad if k == place else number for k, number in enumerate(NUMBERS)))
 
 
 @settings(max_examples=examples(20))

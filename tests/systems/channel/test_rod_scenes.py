@@ -289,7 +289,7 @@ def points(velocities: dict[float, float]) -> Any:
     def find(cases: Any, folder: Path, report: Any, text: str) -> list[RodPoint]:
         del folder, report, text
         curve = [*velocities], [*velocities.values()]
-        errors = {"energy_error": 1e-4, "penetration": 1e-3, "field_error": 1e-3}
+        errors: dict[str, Any] = {"energy_error": 1e-4, "penetration": 1e-3, "field_error": 1e-3}
         errors |= {"error": 1e-4, "settled": True, "arc_length": 0.0125}
         rates = [one.switching.frequency for one in cases]
         return [RodPoint(rate=r, velocity=float(np.interp(r, *curve)), **errors) for r in rates]

@@ -56,7 +56,7 @@ class Worm:
 
     def model(self) -> Model:
         """With its inputs."""
-        start = {"position": self.places, "velocity": self.velocities}
+        start: dict[str, Any] = {"position": self.places, "velocity": self.velocities}
         worm = planar_chain(self.links, **self.numbers, law=self.law, **start)
         given = {k: v for k, v in (("input", self.force), ("torque", self.torque)) if v.size}
         waves = {k: Harmonics(np.zeros(v.shape[1]), v[:1], v[1:]) for k, v in given.items()}
