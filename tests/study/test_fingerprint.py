@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import pytest
+from hints import Patch
 
 from wormopt import fingerprint as kept
 from wormopt.fingerprint import code_key, fingerprint
@@ -43,7 +43,7 @@ def test_what_computes_counts_and_what_shows_does_not():
         assert not [name for name in found if room in name.split(".")]
 
 
-def test_keys_differ_by_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_keys_differ_by_code(tmp_path: Path, monkeypatch: Patch):
     root = tmp_path / "wormopt"
     root.mkdir()
     texts = {"maker": "from wormopt import helper", "helper": "A = 1  # one", "other": "B = 1"}
