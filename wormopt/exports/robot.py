@@ -1,0 +1,301 @@
+"""Worms as robots of a physics engine: bodies, joints, ground and targets of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.exports.about import Course, remarks
+from wormopt.model.friction import Law, Spike, Viscous
+from wormopt.model.gait import Gait
+from wormopt.result import Result
+from wormopt.study.scene import scene_of_text
+from wormopt.study.types import per
+from wormopt.systems.chain.loops import laws_of
+from wormopt.systems.planar.body.strokes import Polygon, Stroke
+from wormopt.systems.planar.design.gaits import side_times
+
+# Mass of a slow body, whose scene has none, over friction times cycle² over length: inertia changes
+# the displacement by about this share of the length.
+_LIGHT = 1e-5
+_SAMPLES = 1000  # of a cycle, for ranges of joints and forces
+
+DIFFERS = "Differs from the scene:"
+"""Beginning of the remarks on what an engine has not."""
+
+Targets = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A chain of masses, head first, whose joints follow targets over a cycle.
+
+    Joints are ``link_j``, the length between masses j and j + 1, and in the plane ``joint_j``, the
+    angle at mass j + 1, positive if the front is turned to the left.
+    """
+
+    name: str
+    mass: np.ndarray  # (n + 1,)
+    grips: Sequence[tuple[float, float, float]]  # friction forward, backward, sideways
+    cycle: float
+    targets: Targets  # of times (m,): values and rates of all joints (m, q)
+    way: tuple[float, float, float] | None = None  # x, y, angle per cycle with exact contact
+    lengths: tuple[float, ...] | None = None  # of links that do not slide
+    planar: bool = False
+    heading: str = "rear"  # of inner masses
+    drag: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    load: np.ndarray = field(default_factory=lambda: np.zeros(1))  # on a line, for each mass
+    trailed: tuple[float, float, float] = (0.0, 0.0, 0.0)  # in the plane, on the head
+    elastic: tuple[np.ndarray, np.ndarray] | None = None  # stiffness and damping of links
+    start: np.ndarray | None = None  # positions and velocities (2, n + 1) on a line
+    hold: float = 0.0  # of spikes, which hold any force in the scene
+    massless: bool = False  # in its scene
+    notes: tuple[str, ...] = ()  # what differs from the scene
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def links(self) -> int:
+        """Number of links."""
+        return len(self.mass) - 1
+
+    @property
+    def joints(self) -> list[str]:
+        """Names of the joints with a target."""
+        slides = [f"link_{j}" for j in range(self.links)] if self.lengths is None else []
+        return slides + [f"joint_{j}" for j in range(self.links - 1) if self.planar]
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """Least and largest value and largest rate of each joint (q, 3), sampled."""
+        value, rate = self.targets(self.cycle * np.arange(_SAMPLES) / _SAMPLES)
+        return np.stack([value.min(axis=0), value.max(axis=0), np.abs(rate).max(axis=0)], axis=1)
+
+    @property
+    def size(self) -> float:
+        """Mean length of a link."""
+        return float(
+            np.mean(self.reach[: self.links, :2] if self.lengths is None else self.lengths)
+        )
+
+    def table(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times of a whole cycle in steps, and the targets of the joints there (steps + 1, q)."""
+        t = self.cycle * np.arange(steps) / steps
+        value, rate = (np.vstack([rows, rows[:1]]) for rows in self.targets(t))
+        return np.append(t, self.cycle), value, rate
+
+
+def robot_of(result: object) -> Robot:
+    """The robot of a result; raises ArgumentError if its kind has none."""
+    if not isinstance(result, Result):
+        raise ArgumentError(f"a robot needs a Result, not {type(result).__name__}")
+    made = _KINDS.get(result.kind)
+    if made is None:
+        raise ArgumentError(
+            f"{result.scene}: a result of kind {result.kind} holds no chain with targets of its "
+            f"joints, which mjcf and urdf need; take one of kind {', '.join(_KINDS)}"
+        )
+    table = scene_of_text(result.scene, result.kind, result.scene_text).table
+    bare = "the scene has no units: its units are taken for m, s and kg"
+    units = () if table.units == "SI" else (bare,)
+    return replace(made(result, table), remarks=(*remarks(result), *units))
+
+
+# -- on a line -------------------------------------------------------------------------------------
+
+
+def _spiked(result: Result, table: Any) -> Robot:
+    worm, course = table.worm, Course.of(result)
+    masses, gait = worm.links + 1, course.gait
+    load = np.array(per(worm.loads(worm.load_range[1]), masses))
+    way = result.scalars["speed"].value * gait.period if "speed" in result.scalars else None
+    return _on_a_line(
+        result,
+        gait,
+        np.array(worm.masses),
+        [Spike()] * masses,
+        drag=np.array(per(worm.drag, masses)),
+        load=load,
+        way=None if way is None else (way, 0.0, 0.0),
+        start=_started(result),
+    )
+
+
+def _tracked(result: Result, table: Any) -> Robot:
+    note = "the controller is not in this file: servos follow its reference"
+    return _chain(result, table.worm, Course.of(result).gait, notes=(note,))
+
+
+def _commanded(result: Result, table: Any) -> Robot:
+    worm = table.worm
+    gait, shift = table.command(np.array(per(worm.rest_length, worm.links))) if worm else (None, 0)
+    if gait is None:
+        raise ArgumentError(
+            f"{result.scene}: there are no commanded lengths, which mjcf and urdf need; take a "
+            'scene with [worm] and actuation.law = "gait" or "harmonic"'
+        )
+    elastic = tuple(np.array(per(getattr(worm, n), worm.links)) for n in ("stiffness", "damping"))
+    notes = ("random links have the values of the table",) if worm.random else ()
+    start = _started(result)
+    return _chain(result, worm, gait, shift, notes, elastic=elastic, start=start)
+
+
+def _started(result: Result) -> np.ndarray | None:
+    """Positions and velocities of the masses at the start, if they are in the result."""
+    if "velocity" not in result:
+        return None
+    return np.array([result[name].values[:, 0] for name in ("position", "velocity")])
+
+
+def _chain(
+    result: Result,
+    worm: Any,
+    gait: Gait,
+    shift: float = 0.0,
+    notes: tuple[str, ...] = (),
+    **more: Any,
+) -> Robot:
+    masses = worm.links + 1
+    return _on_a_line(
+        result,
+        gait,
+        np.array(per(worm.mass, masses)),
+        laws_of(worm),
+        shift,
+        notes,
+        drag=np.array(per(worm.drag, masses)),
+        load=np.array(per(worm.pull, masses)),
+        **more,
+    )
+
+
+def _on_a_line(
+    result: Result,
+    gait: Gait,
+    mass: np.ndarray,
+    laws: Sequence[Law],
+    shift: float = 0.0,
+    notes: tuple[str, ...] = (),
+    *,
+    drag: np.ndarray,
+    load: np.ndarray,
+    **more: Any,
+) -> Robot:
+    t = gait.period * np.arange(_SAMPLES) / _SAMPLES
+    pace, jerk = (float(np.abs(gait(t, k)).sum(axis=0).max()) for k in (1, 2))
+    # half of it bounds the forces of the ground: no mass is faster than all links together
+    hold = 2 * float(np.abs(load).sum() + drag.sum() * pace + mass.sum() * jerk) or 1.0
+    grips: list[tuple[float, float, float]] = []
+    drag = drag.copy()
+    for i, law in enumerate(laws):
+        if isinstance(law, Viscous):
+            drag[i] += float(law.drag)
+        ahead = float(getattr(law, "forward", 0.0))
+        back = hold if isinstance(law, Spike) else float(getattr(law, "backward", 0.0))
+        grips.append((ahead, back, 0.0))
+    more["hold"] = hold if any(isinstance(law, Spike) for law in laws) else 0.0
+    if any(_sticks(law) for law in laws):
+        notes += ("stiction, and friction that depends on speed, is replaced by the sliding force",)
+    return Robot(
+        result.scene,
+        mass,
+        grips or [(0.0, 0.0, 0.0)] * len(mass),
+        gait.period,
+        lambda t: (gait(t + shift).T, gait(t + shift, 1).T),
+        drag=drag,
+        load=load,
+        notes=notes,
+        **more,
+    )
+
+
+def _sticks(law: Law) -> bool:
+    """Whether friction at rest differs from that of sliding."""
+    sides = ("forward", "backward")
+    return any(getattr(law, f"stick_{n}", None) not in (None, getattr(law, n, None)) for n in sides)
+
+
+# -- in the plane ----------------------------------------------------------------------------------
+
+
+def _crawling(result: Result, table: Any) -> Robot:
+    stroke = table.stroke.stroke()
+    grips = table.ground.numbers(table.body.links + 1)
+    load = table.load.numbers
+    return _slow(result, table.body, stroke, table.period * stroke.breaks, grips, trailed=load)
+
+
+def _turning(result: Result, table: Any) -> Robot:
+    ends, middle = table.worm.end_friction, table.worm.middle_friction
+    times = np.cumsum([0.0, *table.durations, *table.durations])
+    return _slow(result, None, table.gait.stroke, times, [(f, f, f) for f in (ends, middle, ends)])
+
+
+def _designed(result: Result, table: Any) -> Robot:
+    aim, corners = table.task, result["corner"].values
+    if table.ground is None or not aim.closed:
+        raise ArgumentError(
+            f"{result.scene}: mjcf and urdf need dry ground and a gait that repeats; take a design "
+            'with [ground] and objective.purpose = "speed" or "turn"'
+        )
+    grips = table.grips or (1.0,) * (table.body.links + 1)
+    numbers = [tuple(grip * number for number in table.ground.numbers) for grip in grips]
+    times = np.cumsum([0.0, *side_times(aim, corners)])
+    return _slow(result, table.body, Polygon(corners), times, numbers)
+
+
+def _slow(
+    result: Result,
+    body: Any,
+    stroke: Stroke,
+    times: np.ndarray,
+    grips: Sequence[Any],
+    **more: Any,
+) -> Robot:
+    """A slow body, whose mass has to be small; `times` are those of the stroke's breaks."""
+    cycle, breaks = float(times[-1]), stroke.breaks
+
+    def targets(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        side = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+        pace = (np.diff(breaks) / np.diff(times))[side]
+        shape, rate = stroke.at(np.minimum(breaks[side] + (t - times[side]) * pace, 1.0))
+        return shape, rate * pace[:, None]
+
+    lengths = body.sizes if body else None
+    size = float(np.mean(lengths or targets(np.zeros(1))[0][0, : len(grips) - 1]))
+    mass = _LIGHT * min(map(min, grips)) * cycle**2 / size
+    notes: tuple[str, ...] = ()
+    if any(ahead != back for ahead, back, _ in grips):
+        notes = (
+            "friction that differs ahead and back is one ellipse about their mean and a constant "
+            "push: exact along the heading, not across it",
+        )
+    way = [*result.scalars["displacement"].value, result.scalars["turn"].value]
+    return Robot(
+        result.scene,
+        np.full(len(grips), mass),
+        grips,
+        cycle,
+        targets,
+        (way[0], way[1], way[2]),
+        lengths,
+        planar=True,
+        heading=body.heading if body else "bisector",
+        massless=True,
+        notes=notes,
+        **more,
+    )
+
+
+_KINDS: dict[str, Callable[[Result, Any], Robot]] = {
+    **dict.fromkeys(("gait", "gait-design", "gait-pareto", "stepper"), _spiked),
+    **dict.fromkeys(("track", "track-optimal"), _tracked),
+    "simulate": _commanded,
+    "planar-crawl": _crawling,
+    "planar-turn": _turning,
+    "planar-design": _designed,
+}

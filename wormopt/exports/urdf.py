@@ -1,0 +1,145 @@
+"""URDF: a worm for ROS, Gazebo and other engines, and a table of its joints.
+
+It is a free robot on the ground: URDF has neither friction of the ground nor drag, loads, springs
+or start, but Gazebo reads friction along and across a link from elements of its own.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from wormopt.exports.mjcf import steps_of, written, xml
+from wormopt.exports.robot import Robot
+from wormopt.model.gait_table import remark_of_gait
+from wormopt.quantities import GRAVITY
+
+_THICK = 0.05  # radius of a mass over the length of a link
+_SLIPPERY = 0.5  # largest friction over weight of a body without masses in its scene
+_FREE = 0.05  # of the range of a joint, kept beyond its targets
+
+
+def make(robot: Robot, stem: str, step: float = 0.01) -> dict[str, bytes]:
+    """``STEM.urdf``, and ``STEM_joints.csv`` with a closed cycle in equal steps of at most `step`.
+
+    Raises ArgumentError if the step is not positive or gives too many rows.
+    """
+    root = Element("robot", name=stem)
+    for i in range(len(robot.mass)):
+        _body(robot, root, i)
+    control = SubElement(root, "ros2_control", name=stem, type="system")
+    plugin = SubElement(SubElement(control, "hardware"), "plugin")
+    plugin.text = "mock_components/GenericSystem"
+    for name in robot.joints:
+        joint = SubElement(control, "joint", name=name)
+        SubElement(joint, "command_interface", name="position")
+        for state in ("position", "velocity"):
+            SubElement(joint, "state_interface", name=state)
+    return {
+        f"{stem}.urdf": written(root, robot, _notes(robot)),
+        f"{stem}_joints.csv": _table(robot, step),
+    }
+
+
+def _notes(robot: Robot) -> tuple[str, ...]:
+    """What URDF lacks."""
+    found = ["friction of the ground is a coefficient along and across each mass, for Gazebo only"]
+    if any(ahead != back for ahead, back, _ in robot.grips):
+        found.append(
+            "friction is the same ahead and back, their mean: a worm that needs the difference "
+            "stays in place; add a plugin that pushes its masses, or take MJCF"
+        )
+    if np.any(robot.drag) or np.any(robot.load) or any(robot.trailed):
+        found.append("drag and loads are missing")
+    if robot.elastic:
+        found.append("links have dashpots, but no springs: their servos are those of the simulator")
+    if robot.massless:
+        found.append(
+            f"masses have {_SLIPPERY:g} of their weight as friction, and the scene none: run the "
+            "gait slowly"
+        )
+    return tuple(found)
+
+
+def _body(robot: Robot, root: Element, i: int) -> None:
+    """Mass i and the joints to it; a link and an angle need a body between them."""
+    body = SubElement(root, "link", name=f"mass_{i}")
+    ahead, back, aside = robot.grips[i]
+    radius, mass = _THICK * robot.size, robot.mass[i]
+    if robot.massless:
+        mass = max(ahead, back, aside) / (_SLIPPERY * GRAVITY)
+    _inertia(body, mass, radius)
+    for part in ("visual", "collision"):
+        shape = SubElement(SubElement(body, part), "geometry")
+        SubElement(shape, "sphere", radius=xml(radius))
+    gazebo = SubElement(root, "gazebo", reference=f"mass_{i}")
+    weight, along = mass * GRAVITY, (ahead + back) / 2
+    for tag, force in (("mu1", along), ("mu2", aside if robot.planar else along)):
+        SubElement(gazebo, tag).text = xml(force / weight)
+    SubElement(gazebo, "fdir1").text = "1 0 0"
+    if i == 0:
+        return
+    reach = dict(zip(robot.joints, robot.reach, strict=True))
+    bends, before = f"joint_{i - 1}" in reach, f"mass_{i - 1}"
+    if f"link_{i - 1}" in reach:
+        to = f"end_{i}" if bends else f"mass_{i}"
+        if bends:
+            _inertia(SubElement(root, "link", name=to), mass * 1e-6, radius)
+        joint = _joint(root, f"link_{i - 1}", "prismatic", before, to, "-1 0 0", reach)
+        if robot.elastic:
+            SubElement(joint, "dynamics", damping=xml(robot.elastic[1][i - 1]))
+        before, away = to, 0.0
+    else:
+        away = robot.lengths[i - 1] if robot.lengths else 0.0
+    if bends:
+        joint = _joint(root, f"joint_{i - 1}", "revolute", before, f"mass_{i}", "0 0 -1", reach)
+        SubElement(joint, "origin", xyz=xml(-away, 0, 0))
+    elif away:
+        joint = _joint(root, f"link_{i - 1}", "fixed", before, f"mass_{i}", "", reach)
+        SubElement(joint, "origin", xyz=xml(-away, 0, 0))
+
+
+def _inertia(body: Element, mass: float, radius: float) -> None:
+    inertial = SubElement(body, "inertial")
+    SubElement(inertial, "mass", value=xml(mass))
+    ball = xml(0.4 * mass * radius**2)
+    turning = dict.fromkeys(("ixx", "iyy", "izz"), ball) | dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+    SubElement(inertial, "inertia", turning)
+
+
+def _joint(
+    root: Element,
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    axis: str,
+    reach: dict[str, np.ndarray],
+) -> Element:
+    joint = SubElement(root, "joint", name=name, type=kind)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    if name in reach:
+        low, high, rate = reach[name].tolist()
+        free = _FREE * (high - low)
+        SubElement(joint, "axis", xyz=axis)
+        bounds = {"lower": xml(low - free), "upper": xml(high + free), "velocity": xml(2 * rate)}
+        SubElement(joint, "limit", bounds, effort="1e6")  # URDF demands one, and scenes have none
+    return joint
+
+
+def _table(robot: Robot, step: float) -> bytes:
+    times, value, rate = robot.table(steps_of(robot, step))
+    text = io.StringIO()
+    text.write("".join(f"# {line}\n" for line in robot.remarks))
+    text.write(f"# {remark_of_gait('link', robot.cycle, 's')}\n" if robot.lengths is None else "")
+    writer = csv.writer(text, lineterminator="\n")
+    units = ["m" if name.startswith("link") else "rad" for name in robot.joints]
+    heads = [f"{name} [{unit}]" for name, unit in zip(robot.joints, units, strict=True)]
+    heads += [f"{name}_rate [{unit} s-1]" for name, unit in zip(robot.joints, units, strict=True)]
+    writer.writerow(["time [s]", *heads])
+    writer.writerows(np.column_stack([times, value, rate]).tolist())
+    return text.getvalue().encode()
