@@ -1,10 +1,10 @@
 """MuJoCo: a worm as MJCF, with the targets of its joints as keyframes.
 
-On a line, friction is the `frictionloss` of a tendon as long as the position of a mass. Friction F+
-ahead and F- back is exactly one of (F+ + F-)/2 to both sides and a constant push of (F- - F+)/2, and
-a spike has a large F-. In the plane each mass stands on a foot that a spring presses on the floor. A
-contact in MuJoCo lifts a body in proportion to its coefficient of friction, so the press is large,
-and the foot is heavy, but only upward.
+On a line, friction is the `frictionloss` of a tendon as long as the position of a mass. Friction
+F+ ahead and F- back is exactly one of (F+ + F-)/2 to both sides and a constant push of
+(F- - F+)/2, and a spike has a large F-. In the plane each mass stands on a foot that a spring
+presses on the floor. A contact in MuJoCo lifts a body in proportion to its coefficient of friction,
+so the press is large, and the foot is heavy, but only upward.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def _model(robot: Robot, steps: int) -> Element:
         root,
         "option",
         timestep=xml(step),
-        gravity="0 0 0",
+        gravity=xml(0.0 - robot.fall, 0, 0),
         cone="elliptic",
         integrator="implicitfast",
         tolerance="1e-14",
@@ -119,15 +119,16 @@ def _mass(robot: Robot, parent: Element, i: int) -> Element:
             SubElement(body, "joint", name=name, type="slide", axis=axis)
         if robot.planar:
             SubElement(body, "joint", name="yaw", type="hinge", axis="0 0 1")
-    elif robot.lengths is None:
-        link = SubElement(body, "joint", name=f"link_{i - 1}", type="slide", axis="-1 0 0")
-        if robot.elastic:
-            link.set("damping", xml(robot.elastic[1][i - 1]))
-        else:
-            link.set("armature", xml(rotor(robot, f"link_{i - 1}")))
-    if robot.planar and 0 < i < n:
-        hinge = SubElement(body, "joint", name=f"joint_{i - 1}", type="hinge", axis="0 0 -1")
-        hinge.set("armature", xml(rotor(robot, f"joint_{i - 1}")))
+    for name, kind, axis in (
+        (f"link_{i - 1}", "slide", "-1 0 0"),
+        (f"joint_{i - 1}", "hinge", "0 0 -1"),
+    ):
+        if name in robot.joints:
+            joint = SubElement(body, "joint", name=name, type=kind, axis=axis)
+            if robot.elastic is None:
+                joint.set("armature", xml(_rotor(robot, name)))
+            else:
+                joint.set("damping", xml(robot.elastic[1, robot.joints.index(name)]))
     mass, turn = robot.mass[i], xml(*3 * [_SLIGHT * robot.mass[i] * size**2])
     here = mass * _SLIGHT if robot.planar else mass
     SubElement(body, "inertial", pos="0 0 0", mass=xml(here), diaginertia=turn)
@@ -199,17 +200,16 @@ def _feet(robot: Robot, root: Element, soft: str) -> None:
 
 def _drives(robot: Robot, actuators: Element, step: float) -> None:
     """Servos of positions and rates of the joints, or the springs of elastic links."""
-    for j, name in enumerate(robot.joints):
-        stiffness = (
-            robot.elastic[0][j] if robot.elastic else rotor(robot, name) * (_SERVO / step) ** 2
-        )
-        SubElement(actuators, "position", name=name, joint=name, kp=xml(stiffness))
-    for name in () if robot.elastic else robot.joints:
-        damping = xml(2 * rotor(robot, name) * _SERVO / step)
+    servos = [_rotor(robot, name) * (_SERVO / step) ** 2 for name in robot.joints]
+    stiffness = servos if robot.elastic is None else robot.elastic[0]
+    for name, firm in zip(robot.joints, stiffness, strict=True):
+        SubElement(actuators, "position", name=name, joint=name, kp=xml(firm))
+    for name in robot.joints if robot.elastic is None else ():
+        damping = xml(2 * _rotor(robot, name) * _SERVO / step)
         SubElement(actuators, "velocity", name=f"{name}_rate", joint=name, kv=damping)
 
 
-def rotor(robot: Robot, joint: str) -> float:
+def _rotor(robot: Robot, joint: str) -> float:
     """Inertia of a joint's drive.
 
     It moves no mass on the ground if the joint follows its targets, and the heavier it is, the
@@ -247,33 +247,26 @@ def _keys(robot: Robot, root: Element, controls: int, steps: int) -> None:
     MuJoCo takes springs at the begin and damping at the end.
     """
     times, value, rate = robot.table(steps)
-    rows = value[:-1] if robot.elastic else np.hstack([value[:-1], rate[1:]])
+    rows = value[:-1] if robot.elastic is not None else np.hstack([value[:-1], rate[1:]])
     rows = np.hstack([rows, np.zeros((steps, controls - rows.shape[1]))])
     keys = SubElement(root, "keyframe")
     for t, row in zip(times, rows, strict=False):
         SubElement(keys, "key", time=xml(t), ctrl=xml(*row))
-    place, speed = _started(robot, value[0], rate[0])
-    keys[0].set("qpos", xml(*place))
-    keys[0].set("qvel", xml(*speed))
+    begin = robot.begin if robot.begin is not None else np.array([value[0], rate[0]])
+    for word, root_row, row in zip(("qpos", "qvel"), robot.root, begin, strict=True):
+        keys[0].set(word, xml(*_whole(robot, root_row, row)))
 
 
-def _started(robot: Robot, value: np.ndarray, rate: np.ndarray) -> tuple[list[float], list[float]]:
-    """Positions and velocities of all joints at the start, in the order of the bodies."""
+def _whole(robot: Robot, root: np.ndarray, row: np.ndarray) -> list[float]:
+    """Values of all joints in the order of the bodies, from those of the root and of targets."""
     if not robot.planar:
-        if robot.start is None:
-            return [0.0, *value], [0.0, *rate]
-        return tuple([row[0], *-np.diff(row)] for row in robot.start)  # pyright: ignore[reportReturnType]
+        return [root[0], *row]
     share = {"rear": 0.0, "bisector": 0.5, "front": 1.0}[robot.heading]
-    found: list[list[float]] = []
-    for row in (value, rate):
-        by_name = dict(zip(robot.joints, row, strict=True))
-        whole = [0.0, 0.0, 0.0, 0.0]
-        for i in range(1, robot.links + 1):
-            whole += [
-                by_name[name] for name in (f"link_{i - 1}", f"joint_{i - 1}") if name in by_name
-            ]
-            whole.append(0.0)
-            if i < robot.links and share:
-                whole.append(share * by_name[f"joint_{i - 1}"])
-        found.append(whole)
-    return found[0], found[1]
+    by_name = dict(zip(robot.joints, row, strict=True))
+    found = [*root, 0.0]  # the foot of the head last
+    for i in range(1, robot.links + 1):
+        found += [by_name[name] for name in (f"link_{i - 1}", f"joint_{i - 1}") if name in by_name]
+        found.append(0.0)
+        if i < robot.links and share:
+            found.append(share * by_name[f"joint_{i - 1}"])
+    return found

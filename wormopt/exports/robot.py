@@ -17,8 +17,9 @@ from wormopt.result import Result
 from wormopt.study.scene import scene_of_text
 from wormopt.study.types import per
 from wormopt.systems.chain.loops import laws_of
-from wormopt.systems.planar.body.strokes import Polygon, Stroke
+from wormopt.systems.planar.body.strokes import Harmonics, Polygon, Stroke
 from wormopt.systems.planar.design.gaits import side_times
+from wormopt.systems.planar.tables import EllipticGround
 
 # Mass of a slow body, whose scene has none, over friction times cycle² over length: inertia changes
 # the displacement by about this share of the length.
@@ -51,8 +52,10 @@ class Robot:
     drag: np.ndarray = field(default_factory=lambda: np.zeros(1))
     load: np.ndarray = field(default_factory=lambda: np.zeros(1))  # on a line, for each mass
     trailed: tuple[float, float, float] = (0.0, 0.0, 0.0)  # in the plane, on the head
-    elastic: tuple[np.ndarray, np.ndarray] | None = None  # stiffness and damping of links
-    start: np.ndarray | None = None  # positions and velocities (2, n + 1) on a line
+    elastic: np.ndarray | None = None  # stiffness and damping (2, q) of joints without servos
+    fall: float = 0.0  # acceleration of all masses against x
+    root: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))  # x, y, yaw; their rates
+    begin: np.ndarray | None = None  # values and rates (2, q) at the start; default: the targets
     hold: float = 0.0  # of spikes, which hold any force in the scene
     massless: bool = False  # in its scene
     notes: tuple[str, ...] = ()  # what differs from the scene
@@ -121,7 +124,7 @@ def _spiked(result: Result, table: Any) -> Robot:
         drag=np.array(per(worm.drag, masses)),
         load=load,
         way=None if way is None else (way, 0.0, 0.0),
-        start=_started(result),
+        **_started(result),
     )
 
 
@@ -138,17 +141,17 @@ def _commanded(result: Result, table: Any) -> Robot:
             f"{result.scene}: there are no commanded lengths, which mjcf and urdf need; take a "
             'scene with [worm] and actuation.law = "gait" or "harmonic"'
         )
-    elastic = tuple(np.array(per(getattr(worm, n), worm.links)) for n in ("stiffness", "damping"))
+    elastic = np.array([per(getattr(worm, n), worm.links) for n in ("stiffness", "damping")])
     notes = ("random links have the values of the table",) if worm.random else ()
-    start = _started(result)
-    return _chain(result, worm, gait, shift, notes, elastic=elastic, start=start)
+    return _chain(result, worm, gait, shift, notes, elastic=elastic, **_started(result))
 
 
-def _started(result: Result) -> np.ndarray | None:
-    """Positions and velocities of the masses at the start, if they are in the result."""
+def _started(result: Result) -> dict[str, np.ndarray]:
+    """The start of a result on a line, if it is in there."""
     if "velocity" not in result:
-        return None
-    return np.array([result[name].values[:, 0] for name in ("position", "velocity")])
+        return {}
+    rows = np.array([result[name].values[:, 0] for name in ("position", "velocity")])
+    return {"root": np.pad(rows[:, :1], ((0, 0), (0, 2))), "begin": -np.diff(rows)}
 
 
 def _chain(
@@ -268,12 +271,6 @@ def _slow(
     lengths = body.sizes if body else None
     size = float(np.mean(lengths or targets(np.zeros(1))[0][0, : len(grips) - 1]))
     mass = _LIGHT * min(map(min, grips)) * cycle**2 / size
-    notes: tuple[str, ...] = ()
-    if any(ahead != back for ahead, back, _ in grips):
-        notes = (
-            "friction that differs ahead and back is one ellipse about their mean and a constant "
-            "push: exact along the heading, not across it",
-        )
     way = [*result.scalars["displacement"].value, result.scalars["turn"].value]
     return Robot(
         result.scene,
@@ -286,8 +283,71 @@ def _slow(
         planar=True,
         heading=body.heading if body else "bisector",
         massless=True,
-        notes=notes,
+        notes=_oval(grips),
         **more,
+    )
+
+
+def _oval(grips: Sequence[tuple[float, float, float]]) -> tuple[str, ...]:
+    """Remark on friction that differs ahead and back."""
+    if all(ahead == back for ahead, back, _ in grips):
+        return ()
+    return (
+        "friction that differs ahead and back is one ellipse about their mean and a constant "
+        "push: exact along the heading, not across it",
+    )
+
+
+def _swinging(result: Result, table: Any) -> Robot:
+    """A worm of springs in the plane: forces on them are targets of their rest lengths."""
+    worm, drive, n = table.worm, table.actuation, table.worm.links
+    keys = [f"{b}stiffness" for b in ("", "bending_")], [f"{b}damping" for b in ("", "bending_")]
+    elastic = np.array(
+        [[*per(getattr(worm, a), n), *per(getattr(worm, b), n - 1)] for a, b in keys]
+    )
+    grounds = table.ground if isinstance(table.ground, tuple) else (table.ground,) * (n + 1)
+    for key, wrong, write in (
+        ("actuation", drive is None, "the periodic forces"),
+        ("worm.stiffness", not elastic[0].all(), "stiffness and bending_stiffness above 0"),
+        ("ground", not all(isinstance(g, EllipticGround) for g in grounds), 'law = "elliptic"'),
+        ("worm.rod_mass", worm.rod_mass is not None, "masses alone"),
+        ("obstacles", bool(table.obstacles), "none"),
+    ):
+        if wrong:
+            raise ArgumentError(
+                f"{result.scene}: {key}: mjcf and urdf cannot have this; write {write}"
+            )
+    rest = np.array([*per(worm.rest_length, n), *per(worm.rest_angle, n - 1)])
+    courses = [
+        one.harmonics(count)
+        if one
+        else Harmonics(np.zeros(count), [np.zeros(count)], [np.zeros(count)])
+        for one, count in ((drive.force, n), (drive.torque, n - 1))
+    ]
+
+    def targets(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        both = [course.at(t / drive.period) for course in courses]
+        force, rate = (np.hstack(parts) for parts in zip(*both, strict=True))
+        return rest + force / elastic[0], rate / drive.period / elastic[0]
+
+    start = table.start
+    place, speed = start.places(worm)[0], start.velocities(worm)[0]
+    lengths, angles = (start.lengths or rest[:n], start.angles or rest[n:])
+    begin = np.array([*np.broadcast_to(lengths, n), *np.broadcast_to(angles, n - 1)])
+    yaw = start.direction + float(begin[n:].sum())
+    return Robot(
+        result.scene,
+        np.array(per(worm.mass, n + 1)),
+        [ground.numbers for ground in grounds],
+        drive.period,
+        targets,
+        planar=True,
+        heading=worm.heading,
+        elastic=elastic,
+        fall=float(-worm.weights()[0, 0] / worm.masses()[0]),
+        root=np.array([[*place, yaw], [*speed, start.turning]]),
+        begin=np.array([begin, 0 * begin]),
+        notes=_oval([ground.numbers for ground in grounds]),
     )
 
 
@@ -298,4 +358,5 @@ _KINDS: dict[str, Callable[[Result, Any], Robot]] = {
     "planar-crawl": _crawling,
     "planar-turn": _turning,
     "planar-design": _designed,
+    "planar-motion": _swinging,
 }

@@ -19,6 +19,7 @@ from wormopt.quantities import GRAVITY
 
 _THICK = 0.05  # radius of a mass over the length of a link
 _SLIPPERY = 0.5  # largest friction over weight of a body without masses in its scene
+_LEAST = 1e-6  # mass of a body between two joints over that behind it
 _FREE = 0.05  # of the range of a joint, kept beyond its targets
 
 
@@ -52,9 +53,9 @@ def _notes(robot: Robot) -> tuple[str, ...]:
             "friction is the same ahead and back, their mean: a worm that needs the difference "
             "stays in place; add a plugin that pushes its masses, or take MJCF"
         )
-    if np.any(robot.drag) or np.any(robot.load) or any(robot.trailed):
+    if np.any(robot.drag) or np.any(robot.load) or any(robot.trailed) or robot.fall:
         found.append("drag and loads are missing")
-    if robot.elastic:
+    if robot.elastic is not None:
         found.append("links have dashpots, but no springs: their servos are those of the simulator")
     if robot.massless:
         found.append(
@@ -82,24 +83,16 @@ def _body(robot: Robot, root: Element, i: int) -> None:
     SubElement(gazebo, "fdir1").text = "1 0 0"
     if i == 0:
         return
-    reach = dict(zip(robot.joints, robot.reach, strict=True))
-    bends, before = f"joint_{i - 1}" in reach, f"mass_{i - 1}"
-    if f"link_{i - 1}" in reach:
-        to = f"end_{i}" if bends else f"mass_{i}"
-        if bends:
-            _inertia(SubElement(root, "link", name=to), mass * 1e-6, radius)
-        joint = _joint(root, f"link_{i - 1}", "prismatic", before, to, "-1 0 0", reach)
-        if robot.elastic:
-            SubElement(joint, "dynamics", damping=xml(robot.elastic[1][i - 1]))
-        before, away = to, 0.0
-    else:
-        away = robot.lengths[i - 1] if robot.lengths else 0.0
-    if bends:
-        joint = _joint(root, f"joint_{i - 1}", "revolute", before, f"mass_{i}", "0 0 -1", reach)
-        SubElement(joint, "origin", xyz=xml(-away, 0, 0))
-    elif away:
-        joint = _joint(root, f"link_{i - 1}", "fixed", before, f"mass_{i}", "", reach)
-        SubElement(joint, "origin", xyz=xml(-away, 0, 0))
+    link, bend, before = f"link_{i - 1}", f"joint_{i - 1}", f"mass_{i - 1}"
+    away = robot.lengths[i - 1] if robot.lengths else 0.0
+    if bend not in robot.joints:
+        _joint(robot, root, link, (before, f"mass_{i}"), away)
+        return
+    if link in robot.joints:
+        _inertia(SubElement(root, "link", name=f"end_{i}"), mass * _LEAST, radius)
+        _joint(robot, root, link, (before, f"end_{i}"), 0.0)
+        before = f"end_{i}"
+    _joint(robot, root, bend, (before, f"mass_{i}"), away)
 
 
 def _inertia(body: Element, mass: float, radius: float) -> None:
@@ -110,32 +103,31 @@ def _inertia(body: Element, mass: float, radius: float) -> None:
     SubElement(inertial, "inertia", turning)
 
 
-def _joint(
-    root: Element,
-    name: str,
-    kind: str,
-    parent: str,
-    child: str,
-    axis: str,
-    reach: dict[str, np.ndarray],
-) -> Element:
+def _joint(robot: Robot, root: Element, name: str, ends: tuple[str, str], away: float) -> None:
+    """Joint between two bodies, the second one `away` behind; fixed if it has no target."""
+    moves, slides = name in robot.joints, name.startswith("link")
+    kind = ("prismatic" if slides else "revolute") if moves else "fixed"
     joint = SubElement(root, "joint", name=name, type=kind)
-    SubElement(joint, "parent", link=parent)
-    SubElement(joint, "child", link=child)
-    if name in reach:
-        low, high, rate = reach[name].tolist()
-        free = _FREE * (high - low)
-        SubElement(joint, "axis", xyz=axis)
-        bounds = {"lower": xml(low - free), "upper": xml(high + free), "velocity": xml(2 * rate)}
-        SubElement(joint, "limit", bounds, effort="1e6")  # URDF demands one, and scenes have none
-    return joint
+    SubElement(joint, "origin", xyz=xml(0.0 - away, 0, 0))
+    for word, body in zip(("parent", "child"), ends, strict=True):
+        SubElement(joint, word, link=body)
+    if not moves:
+        return
+    j = robot.joints.index(name)
+    low, high, rate = robot.reach[j].tolist()
+    free = (high - low) * (_FREE if robot.elastic is None else 1.0)  # springs give way
+    SubElement(joint, "axis", xyz="-1 0 0" if slides else "0 0 -1")
+    bounds = {"lower": xml(low - free), "upper": xml(high + free), "velocity": xml(2 * rate)}
+    SubElement(joint, "limit", bounds, effort="1e6")  # URDF demands one, and scenes have none
+    if robot.elastic is not None:
+        SubElement(joint, "dynamics", damping=xml(robot.elastic[1, j]))
 
 
 def _table(robot: Robot, step: float) -> bytes:
     times, value, rate = robot.table(steps_of(robot, step))
     text = io.StringIO()
     text.write("".join(f"# {line}\n" for line in robot.remarks))
-    text.write(f"# {remark_of_gait('link', robot.cycle, 's')}\n" if robot.lengths is None else "")
+    text.write(f"# {remark_of_gait('link', robot.cycle, 's')}\n" if not robot.planar else "")
     writer = csv.writer(text, lineterminator="\n")
     units = ["m" if name.startswith("link") else "rad" for name in robot.joints]
     heads = [f"{name} [{unit}]" for name, unit in zip(robot.joints, units, strict=True)]
