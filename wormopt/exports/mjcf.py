@@ -10,9 +10,10 @@ so the press is large, and the foot is heavy, but only upward.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -27,24 +28,44 @@ _FALL = 100.0  # acceleration of a foot by that, over length and cycle²
 _SLIGHT = 1e-6  # inertia of a mass over mass times length², and share of its mass off the foot
 _THICK, _SHORT = 0.05, 1e-3  # radius of a foot and half its length, over the length of a link
 _MOST = 100_000  # steps of a cycle
+_SHARE = {"rear": 0.0, "bisector": 0.5, "front": 1.0}  # of a joint angle in the heading of a mass
 
 
 def make(robot: Robot, stem: str, step: float = 0.001) -> dict[str, bytes]:
     """``STEM.xml``: the worm, with one keyframe for each step of a cycle.
 
-    The step is the largest one of at most `step` that divides the cycle. Raises
-    ArgumentError if it is not positive or gives too many keyframes.
+    The step is the largest one of at most `step` that divides the cycle. Raises ArgumentError if it
+    is not positive or gives too many keyframes.
     """
-    return {f"{stem}.xml": written(_model(robot, steps_of(robot, step)), robot, _notes(robot))}
-
-
-def _notes(robot: Robot) -> tuple[str, ...]:
-    found = list(robot.notes)
+    steps = steps_of(robot, step)
+    step = robot.cycle / steps
+    notes = list(robot.notes)
     if robot.hold:
-        found.append(f"a spike holds {robot.hold:.4g} N, twice the bound of what this gait needs")
+        notes.append(f"a spike holds {robot.hold:.4g} N, twice the bound of what this gait needs")
     if robot.massless:
-        found.append(f"each mass is {robot.mass[0]:.4g} kg, light beside its friction, and 0 there")
-    return tuple(found)
+        notes.append(f"each mass is {robot.mass[0]:.4g} kg, light beside its friction, and 0 there")
+    root = Element("mujoco", model=robot.name)
+    how = {"integrator": "implicitfast", "cone": "elliptic", "tolerance": "1e-14"}
+    add(root, "option", timestep=step, gravity=(0.0 - robot.fall, 0, 0), iterations="200", **how)
+    parent = add(root, "worldbody")
+    add(parent, "geom", name="floor", type="plane", size=(0, 0, 1), contype="0", conaffinity="0")
+    for i in range(len(robot.mass)):
+        parent = _mass(robot, parent, i)
+    firm = {"solref": (2 * step, 1), "solimp": _FIRM}  # MuJoCo takes 2 steps at least
+    (_feet if robot.planar else _ground)(robot, root, firm)
+    _keys(robot, root, _actuators(robot, root, step), steps)
+    return {f"{stem}.xml": written(root, robot, notes)}
+
+
+def add(
+    parent: Element, tag: str, text: str = "", **attributes: str | float | Sequence[float]
+) -> Element:
+    """Add an element; numbers in its attributes are exact."""
+    words = {k: v if isinstance(v, str) else " ".join(map(repr, np.ravel(v).astype(float).tolist()))
+             for k, v in attributes.items()}  # fmt: skip
+    found = ElementTree.SubElement(parent, tag, words)
+    found.text = text or None
+    return found
 
 
 def written(root: Element, robot: Robot, notes: Iterable[str]) -> bytes:
@@ -68,145 +89,50 @@ def steps_of(robot: Robot, step: float) -> int:
     return steps
 
 
-def xml(*values: float) -> str:
-    """Numbers of an attribute, exact."""
-    return " ".join(repr(float(value)) for value in values)
-
-
-def _model(robot: Robot, steps: int) -> Element:
-    step = robot.cycle / steps
-    soft = xml(2 * step, 1.0)  # no constraint may be faster
-    root = Element("mujoco", model=robot.name)
-    SubElement(
-        root,
-        "option",
-        timestep=xml(step),
-        gravity=xml(0.0 - robot.fall, 0, 0),
-        cone="elliptic",
-        integrator="implicitfast",
-        tolerance="1e-14",
-        iterations="200",
-        ls_iterations="200",
-    )
-    world = SubElement(root, "worldbody")
-    SubElement(
-        world, "geom", name="floor", type="plane", size="0 0 1", contype="0", conaffinity="0"
-    )
-    parent = world
-    for i in range(len(robot.mass)):
-        parent = _mass(robot, parent, i)
-    if robot.planar:
-        _feet(robot, root, soft)
-    else:
-        _ground(robot, root, soft)
-    actuators = SubElement(root, "actuator")
-    _drives(robot, actuators, step)
-    _pushes(robot, actuators)
-    _keys(robot, root, len(actuators), steps)
-    return root
-
-
 # -- bodies ----------------------------------------------------------------------------------------
 
 
 def _mass(robot: Robot, parent: Element, i: int) -> Element:
     """Body of mass i, which carries all masses behind it."""
-    size, n = robot.size, robot.links
+    size, mass = robot.size, float(robot.mass[i])
     away = robot.lengths[i - 1] if i and robot.lengths else 0.0
-    body = SubElement(parent, "body", name=f"mass_{i}", pos=xml(0.0 - away, 0, 0))
+    body = add(parent, "body", name=f"mass_{i}", pos=(0.0 - away, 0, 0))
     if i == 0:
-        for name, axis in (("x", "1 0 0"), ("y", "0 1 0"))[: 2 if robot.planar else 1]:
-            SubElement(body, "joint", name=name, type="slide", axis=axis)
-        if robot.planar:
-            SubElement(body, "joint", name="yaw", type="hinge", axis="0 0 1")
+        roots = (("x", "slide", "1 0 0"), ("y", "slide", "0 1 0"), ("yaw", "hinge", "0 0 1"))
+        for name, kind, axis in roots if robot.planar else roots[:1]:
+            add(body, "joint", name=name, type=kind, axis=axis)
     for name, kind, axis in (
         (f"link_{i - 1}", "slide", "-1 0 0"),
         (f"joint_{i - 1}", "hinge", "0 0 -1"),
     ):
         if name in robot.joints:
-            joint = SubElement(body, "joint", name=name, type=kind, axis=axis)
-            if robot.elastic is None:
-                joint.set("armature", xml(_rotor(robot, name)))
-            else:
-                joint.set("damping", xml(robot.elastic[1, robot.joints.index(name)]))
-    mass, turn = robot.mass[i], xml(*3 * [_SLIGHT * robot.mass[i] * size**2])
+            drive: dict[str, Any] = {"armature": _rotor(robot, name)}
+            if robot.elastic is not None:
+                drive = {"damping": robot.elastic[1, robot.joints.index(name)]}
+            add(body, "joint", name=name, type=kind, axis=axis, **drive)
+    at: dict[str, Any] = {"pos": (0, 0, 0), "diaginertia": [_SLIGHT * mass * size**2] * 3}
     here = mass * _SLIGHT if robot.planar else mass
-    SubElement(body, "inertial", pos="0 0 0", mass=xml(here), diaginertia=turn)
-    radius = xml(_THICK * size)
+    add(body, "inertial", mass=here, **at)
+    look = {"pos": (0, 0, _THICK * size), "contype": "0", "conaffinity": "0"}
     if not robot.planar:
-        shape = {"type": "sphere", "size": radius, "contype": "0", "conaffinity": "0"}
-        SubElement(body, "geom", pos=f"0 0 {radius}", **shape)
+        add(body, "geom", type="sphere", size=_THICK * size, **look)
         return body
-    foot = SubElement(body, "body", name=f"foot_{i}")
-    press = _press(robot, i)
+    foot, press = add(body, "body", name=f"foot_{i}"), _press(robot, i)
+    spring: dict[str, Any] = {"stiffness": press / size, "springref": -size}
     heavy = press * robot.cycle**2 / (_FALL * size)
-    SubElement(
-        foot,
-        "joint",
-        name=f"foot_{i}",
-        type="slide",
-        axis="0 0 1",
-        armature=xml(heavy),
-        stiffness=xml(press / size),
-        springref=xml(-size),
-    )
-    if 0 < i < n and robot.heading != "rear":
-        SubElement(foot, "joint", name=f"heading_{i}", type="hinge", axis="0 0 1")
-    SubElement(foot, "inertial", pos="0 0 0", mass=xml(mass - here), diaginertia=turn)
+    add(foot, "joint", name=f"foot_{i}", type="slide", axis="0 0 1", armature=heavy, **spring)
+    if 0 < i < robot.links and _SHARE[robot.heading]:
+        add(foot, "joint", name=f"heading_{i}", type="hinge", axis="0 0 1")
+    add(foot, "inertial", mass=mass - here, **at)
     # contacts of a capsule, unlike those of a sphere, have friction along and across it
-    lying = {"type": "capsule", "euler": "0 90 0", "contype": "0", "conaffinity": "0"}
-    extent = xml(_THICK * size, _SHORT * size)
-    SubElement(foot, "geom", name=f"foot_{i}", pos=f"0 0 {radius}", size=extent, **lying)
-    SubElement(foot, "site", name=f"foot_{i}")
+    lying = {"type": "capsule", "euler": "0 90 0", "size": (_THICK * size, _SHORT * size)}
+    add(foot, "geom", name=f"foot_{i}", **lying, **look)
+    add(foot, "site", name=f"foot_{i}")
     return body
 
 
 def _press(robot: Robot, i: int) -> float:
     return _PRESS * max(robot.grips[i])
-
-
-# -- ground and actuators --------------------------------------------------------------------------
-
-
-def _ground(robot: Robot, root: Element, soft: str) -> None:
-    """Friction and drag on a line, of tendons as long as the position of a mass."""
-    tendons = SubElement(root, "tendon")
-    drag = np.broadcast_to(robot.drag, len(robot.mass))
-    for i, (ahead, back, _) in enumerate(robot.grips):
-        tendon = SubElement(tendons, "fixed", name=f"ground_{i}", damping=xml(drag[i]))
-        if ahead + back:
-            tendon.set("frictionloss", xml((ahead + back) / 2))
-            tendon.set("solreffriction", soft)
-            tendon.set("solimpfriction", _FIRM)
-        SubElement(tendon, "joint", joint="x", coef="1")
-        for j in range(i):
-            SubElement(tendon, "joint", joint=f"link_{j}", coef="-1")
-
-
-def _feet(robot: Robot, root: Element, soft: str) -> None:
-    """Friction in the plane, and the headings of inner masses."""
-    pairs, bonds = SubElement(root, "contact"), SubElement(root, "equality")
-    for i, (ahead, back, aside) in enumerate(robot.grips):
-        press = _press(robot, i)
-        friction = xml((ahead + back) / 2 / press, aside / press, 0, 0, 0)
-        at = {"name": f"ground_{i}", "geom1": "floor", "geom2": f"foot_{i}", "condim": "3"}
-        SubElement(pairs, "pair", **at, friction=friction, solref=soft, solimp=_FIRM)
-        if 0 < i < robot.links and robot.heading != "rear":
-            share = "0.5" if robot.heading == "bisector" else "1"
-            both = {"joint1": f"heading_{i}", "joint2": f"joint_{i - 1}"}
-            by = f"0 {share} 0 0 0"
-            SubElement(bonds, "joint", **both, polycoef=by, solref=soft, solimp=_FIRM)
-
-
-def _drives(robot: Robot, actuators: Element, step: float) -> None:
-    """Servos of positions and rates of the joints, or the springs of elastic links."""
-    servos = [_rotor(robot, name) * (_SERVO / step) ** 2 for name in robot.joints]
-    stiffness = servos if robot.elastic is None else robot.elastic[0]
-    for name, firm in zip(robot.joints, stiffness, strict=True):
-        SubElement(actuators, "position", name=name, joint=name, kp=xml(firm))
-    for name in robot.joints if robot.elastic is None else ():
-        damping = xml(2 * _rotor(robot, name) * _SERVO / step)
-        SubElement(actuators, "velocity", name=f"{name}_rate", joint=name, kv=damping)
 
 
 def _rotor(robot: Robot, joint: str) -> float:
@@ -216,25 +142,70 @@ def _rotor(robot: Robot, joint: str) -> float:
     stiffer a servo may be.
     """
     force = sum(map(max, robot.grips)) + np.abs(robot.load).sum()
-    inertia = _ROTOR * force * robot.cycle**2
+    inertia = _ROTOR * (force or robot.mass.sum() * robot.size / robot.cycle**2) * robot.cycle**2
     return float(inertia / robot.size if joint.startswith("link") else inertia * robot.size)
 
 
-def _pushes(robot: Robot, actuators: Element) -> None:
-    """Constant forces, which need no control: loads, and friction that differs ahead and back."""
-    always = {"gainprm": "0", "biastype": "affine"}
-    load = np.broadcast_to(robot.load, len(robot.mass))
+# -- ground and actuators --------------------------------------------------------------------------
+
+
+def _ground(robot: Robot, root: Element, firm: dict[str, Any]) -> None:
+    """Friction and drag on a line, of tendons as long as the position of a mass."""
+    tendons = add(root, "tendon")
     for i, (ahead, back, _) in enumerate(robot.grips):
-        force = (back - ahead) / 2 - load[i]
-        if force:
-            at = {"tendon": f"ground_{i}"}
-            if robot.planar:
-                at = {"site": f"foot_{i}", "gear": "1 0 0 0 0 0"}
-            SubElement(actuators, "general", name=f"push_{i}", **at, **always, biasprm=xml(force))
+        own: dict[str, Any] = {"damping": robot.drag[i]}
+        if ahead + back:
+            own |= {f"{key}friction": value for key, value in firm.items()}
+            own["frictionloss"] = (ahead + back) / 2
+        tendon = add(tendons, "fixed", name=f"ground_{i}", **own)
+        add(tendon, "joint", joint="x", coef="1")
+        for j in range(i):
+            add(tendon, "joint", joint=f"link_{j}", coef="-1")
+
+
+def _feet(robot: Robot, root: Element, firm: dict[str, Any]) -> None:
+    """Friction in the plane, and the headings of inner masses."""
+    pairs, bonds = add(root, "contact"), add(root, "equality")
+    for i, (ahead, back, aside) in enumerate(robot.grips):
+        friction = np.array([(ahead + back) / 2, aside, 0, 0, 0]) / _press(robot, i)
+        both = {"geom1": "floor", "geom2": f"foot_{i}", "condim": "3"}
+        add(pairs, "pair", name=f"ground_{i}", friction=friction.tolist(), **both, **firm)
+        share = _SHARE[robot.heading]
+        if 0 < i < robot.links and share:
+            both = {"joint1": f"heading_{i}", "joint2": f"joint_{i - 1}"}
+            add(bonds, "joint", polycoef=(0, share, 0, 0, 0), **both, **firm)
+
+
+def _actuators(robot: Robot, root: Element, step: float) -> int:
+    """Actuators and their number.
+
+    Servos of positions and rates of the joints, or the springs of elastic links; then constant
+    forces: loads, and friction that differs ahead and back.
+    """
+    actuators = add(root, "actuator")
+    rotors = np.array([_rotor(robot, name) for name in robot.joints])
+    stiffness = rotors * (_SERVO / step) ** 2 if robot.elastic is None else robot.elastic[0]
+    for name, firm in zip(robot.joints, stiffness.tolist(), strict=True):
+        add(actuators, "position", name=name, joint=name, kp=firm)
+    if robot.elastic is None:
+        for name, rotor in zip(robot.joints, rotors.tolist(), strict=True):
+            add(
+                actuators, "velocity", name=f"{name}_rate", joint=name, kv=2 * rotor * _SERVO / step
+            )
+    constant = {"gainprm": "0", "biastype": "affine"}
+    for i, (ahead, back, _) in enumerate(robot.grips):
+        at = (
+            {"site": f"foot_{i}", "gear": "1 0 0 0 0 0"}
+            if robot.planar
+            else {"tendon": f"ground_{i}"}
+        )
+        if force := (back - ahead) / 2 - robot.load[i]:
+            add(actuators, "general", name=f"push_{i}", biasprm=force, **at, **constant)
     if any(robot.trailed):
         ahead, left, moment = robot.trailed
-        at = {"site": "foot_0", "gear": xml(ahead, left, 0, 0, 0, moment)}
-        SubElement(actuators, "general", name="load", **at, **always, biasprm="1")
+        at = {"site": "foot_0", "gear": (ahead, left, 0, 0, 0, moment)}
+        add(actuators, "general", name="load", biasprm="1", **at, **constant)
+    return len(actuators)
 
 
 # -- keyframes -------------------------------------------------------------------------------------
@@ -248,25 +219,22 @@ def _keys(robot: Robot, root: Element, controls: int, steps: int) -> None:
     """
     times, value, rate = robot.table(steps)
     rows = value[:-1] if robot.elastic is not None else np.hstack([value[:-1], rate[1:]])
-    rows = np.hstack([rows, np.zeros((steps, controls - rows.shape[1]))])
-    keys = SubElement(root, "keyframe")
-    for t, row in zip(times, rows, strict=False):
-        SubElement(keys, "key", time=xml(t), ctrl=xml(*row))
+    rows = np.pad(rows, ((0, 0), (0, controls - rows.shape[1])))
+    keys = add(root, "keyframe")
     begin = robot.begin if robot.begin is not None else np.array([value[0], rate[0]])
-    for word, root_row, row in zip(("qpos", "qvel"), robot.root, begin, strict=True):
-        keys[0].set(word, xml(*_whole(robot, root_row, row)))
+    place, speed = (_whole(robot, *two) for two in zip(robot.root, begin, strict=True))
+    add(keys, "key", time=0.0, ctrl=rows[0].tolist(), qpos=place, qvel=speed)
+    for t, row in zip(times[1:steps].tolist(), rows[1:].tolist(), strict=True):
+        add(keys, "key", time=t, ctrl=row)
 
 
 def _whole(robot: Robot, root: np.ndarray, row: np.ndarray) -> list[float]:
     """Values of all joints in the order of the bodies, from those of the root and of targets."""
     if not robot.planar:
         return [root[0], *row]
-    share = {"rear": 0.0, "bisector": 0.5, "front": 1.0}[robot.heading]
-    by_name = dict(zip(robot.joints, row, strict=True))
-    found = [*root, 0.0]  # the foot of the head last
+    share, by_name = _SHARE[robot.heading], dict(zip(robot.joints, row, strict=True))
+    found = [*root, 0.0]  # a foot after each mass
     for i in range(1, robot.links + 1):
         found += [by_name[name] for name in (f"link_{i - 1}", f"joint_{i - 1}") if name in by_name]
-        found.append(0.0)
-        if i < robot.links and share:
-            found.append(share * by_name[f"joint_{i - 1}"])
+        found += [0.0, share * by_name[f"joint_{i - 1}"]] if i < robot.links and share else [0.0]
     return found

@@ -11,13 +11,13 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.exports.about import Course, remarks
-from wormopt.model.friction import Law, Spike, Viscous
+from wormopt.model.friction import Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.result import Result
 from wormopt.study.scene import scene_of_text
 from wormopt.study.types import per
 from wormopt.systems.chain.loops import laws_of
-from wormopt.systems.planar.body.strokes import Harmonics, Polygon, Stroke
+from wormopt.systems.planar.body.strokes import Polygon, Stroke
 from wormopt.systems.planar.design.gaits import side_times
 from wormopt.systems.planar.tables import EllipticGround
 
@@ -42,6 +42,8 @@ class Robot:
 
     name: str
     mass: np.ndarray  # (n + 1,)
+    drag: np.ndarray  # of each mass, on a line
+    load: np.ndarray
     grips: Sequence[tuple[float, float, float]]  # friction forward, backward, sideways
     cycle: float
     targets: Targets  # of times (m,): values and rates of all joints (m, q)
@@ -49,8 +51,6 @@ class Robot:
     lengths: tuple[float, ...] | None = None  # of links that do not slide
     planar: bool = False
     heading: str = "rear"  # of inner masses
-    drag: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    load: np.ndarray = field(default_factory=lambda: np.zeros(1))  # on a line, for each mass
     trailed: tuple[float, float, float] = (0.0, 0.0, 0.0)  # in the plane, on the head
     elastic: np.ndarray | None = None  # stiffness and damping (2, q) of joints without servos
     fall: float = 0.0  # acceleration of all masses against x
@@ -112,38 +112,31 @@ def robot_of(result: object) -> Robot:
 
 
 def _spiked(result: Result, table: Any) -> Robot:
-    worm, course = table.worm, Course.of(result)
-    masses, gait = worm.links + 1, course.gait
-    load = np.array(per(worm.loads(worm.load_range[1]), masses))
-    way = result.scalars["speed"].value * gait.period if "speed" in result.scalars else None
-    return _on_a_line(
-        result,
-        gait,
-        np.array(worm.masses),
-        [Spike()] * masses,
-        drag=np.array(per(worm.drag, masses)),
-        load=load,
-        way=None if way is None else (way, 0.0, 0.0),
-        **_started(result),
-    )
+    worm, gait = table.worm, Course.of(result).gait
+    masses = worm.links + 1
+    way = float(result.scalars["speed"].value) * gait.period, 0.0, 0.0
+    robot = _on_a_line(result, worm, worm.loads(worm.load_range[1]), gait, [Spike()] * masses)
+    return replace(robot, way=way, **_started(result))
 
 
 def _tracked(result: Result, table: Any) -> Robot:
+    worm, gait = table.worm, Course.of(result).gait
+    robot = _on_a_line(result, worm, worm.pull, gait, laws_of(worm))
     note = "the controller is not in this file: servos follow its reference"
-    return _chain(result, table.worm, Course.of(result).gait, notes=(note,))
+    return replace(robot, notes=(*robot.notes, note))
 
 
 def _commanded(result: Result, table: Any) -> Robot:
     worm = table.worm
     gait, shift = table.command(np.array(per(worm.rest_length, worm.links))) if worm else (None, 0)
-    if gait is None:
+    if gait is None or worm.random:
         raise ArgumentError(
-            f"{result.scene}: there are no commanded lengths, which mjcf and urdf need; take a "
-            'scene with [worm] and actuation.law = "gait" or "harmonic"'
+            f"{result.scene}: mjcf and urdf need commanded lengths of links that are not random; "
+            'take a scene with [worm] and actuation.law = "gait" or "harmonic"'
         )
     elastic = np.array([per(getattr(worm, n), worm.links) for n in ("stiffness", "damping")])
-    notes = ("random links have the values of the table",) if worm.random else ()
-    return _chain(result, worm, gait, shift, notes, elastic=elastic, **_started(result))
+    robot = _on_a_line(result, worm, worm.pull, gait, laws_of(worm), shift)
+    return replace(robot, elastic=elastic, **_started(result))
 
 
 def _started(result: Result) -> dict[str, np.ndarray]:
@@ -154,72 +147,38 @@ def _started(result: Result) -> dict[str, np.ndarray]:
     return {"root": np.pad(rows[:, :1], ((0, 0), (0, 2))), "begin": -np.diff(rows)}
 
 
-def _chain(
-    result: Result,
-    worm: Any,
-    gait: Gait,
-    shift: float = 0.0,
-    notes: tuple[str, ...] = (),
-    **more: Any,
-) -> Robot:
-    masses = worm.links + 1
-    return _on_a_line(
-        result,
-        gait,
-        np.array(per(worm.mass, masses)),
-        laws_of(worm),
-        shift,
-        notes,
-        drag=np.array(per(worm.drag, masses)),
-        load=np.array(per(worm.pull, masses)),
-        **more,
-    )
-
-
 def _on_a_line(
     result: Result,
+    worm: Any,
+    loads: float | tuple[float, ...],
     gait: Gait,
-    mass: np.ndarray,
     laws: Sequence[Law],
     shift: float = 0.0,
-    notes: tuple[str, ...] = (),
-    *,
-    drag: np.ndarray,
-    load: np.ndarray,
-    **more: Any,
 ) -> Robot:
+    mass, drag, load = (np.array(per(n, worm.links + 1)) for n in (worm.mass, worm.drag, loads))
     t = gait.period * np.arange(_SAMPLES) / _SAMPLES
-    pace, jerk = (float(np.abs(gait(t, k)).sum(axis=0).max()) for k in (1, 2))
+    pace, bend = (float(np.abs(gait(t, k)).sum(axis=0).max()) for k in (1, 2))
     # half of it bounds the forces of the ground: no mass is faster than all links together
-    hold = 2 * float(np.abs(load).sum() + drag.sum() * pace + mass.sum() * jerk) or 1.0
-    grips: list[tuple[float, float, float]] = []
-    drag = drag.copy()
+    hold = 2 * float(np.abs(load).sum() + drag.sum() * pace + mass.sum() * bend) or 1.0
+    grips, notes = [(0.0, 0.0, 0.0)] * len(mass), ()
     for i, law in enumerate(laws):
-        if isinstance(law, Viscous):
-            drag[i] += float(law.drag)
-        ahead = float(getattr(law, "forward", 0.0))
-        back = hold if isinstance(law, Spike) else float(getattr(law, "backward", 0.0))
-        grips.append((ahead, back, 0.0))
-    more["hold"] = hold if any(isinstance(law, Spike) for law in laws) else 0.0
-    if any(_sticks(law) for law in laws):
-        notes += ("stiction, and friction that depends on speed, is replaced by the sliding force",)
+        drag[i] += float(getattr(law, "drag", 0.0))  # of Viscous
+        ahead, back = (float(getattr(law, n, 0.0)) for n in ("forward", "backward"))
+        grips[i] = (ahead, hold if isinstance(law, Spike) else back, 0.0)
+        sticks = (getattr(law, f"stick_{n}", None) or 0.0 for n in ("forward", "backward"))
+        if any(s > f for s, f in zip(sticks, (ahead, back), strict=True)):
+            notes = ("stiction is replaced by the sliding force",)
     return Robot(
         result.scene,
         mass,
-        grips or [(0.0, 0.0, 0.0)] * len(mass),
+        drag,
+        load,
+        grips,
         gait.period,
         lambda t: (gait(t + shift).T, gait(t + shift, 1).T),
-        drag=drag,
-        load=load,
+        hold=hold if any(isinstance(law, Spike) for law in laws) else 0.0,
         notes=notes,
-        **more,
     )
-
-
-def _sticks(law: Law) -> bool:
-    """Whether friction at rest differs from that of sliding."""
-    sides = ("forward", "backward")
-    return any(getattr(law, f"stick_{n}", None) not in (None, getattr(law, n, None)) for n in sides)
 
 
 # -- in the plane ----------------------------------------------------------------------------------
@@ -275,6 +234,8 @@ def _slow(
     return Robot(
         result.scene,
         np.full(len(grips), mass),
+        np.zeros(len(grips)),
+        np.zeros(len(grips)),
         grips,
         cycle,
         targets,
@@ -306,38 +267,45 @@ def _swinging(result: Result, table: Any) -> Robot:
         [[*per(getattr(worm, a), n), *per(getattr(worm, b), n - 1)] for a, b in keys]
     )
     grounds = table.ground if isinstance(table.ground, tuple) else (table.ground,) * (n + 1)
-    for key, wrong, write in (
-        ("actuation", drive is None, "the periodic forces"),
-        ("worm.stiffness", not elastic[0].all(), "stiffness and bending_stiffness above 0"),
-        ("ground", not all(isinstance(g, EllipticGround) for g in grounds), 'law = "elliptic"'),
-        ("worm.rod_mass", worm.rod_mass is not None, "masses alone"),
-        ("obstacles", bool(table.obstacles), "none"),
-    ):
-        if wrong:
-            raise ArgumentError(
-                f"{result.scene}: {key}: mjcf and urdf cannot have this; write {write}"
-            )
+    wrong = {
+        "actuation": drive is None,
+        "worm.stiffness or bending_stiffness of 0": not elastic[0].all(),
+        "ground.law": not all(isinstance(ground, EllipticGround) for ground in grounds),
+        "worm.rod_mass": worm.rod_mass is not None,
+        "obstacles": bool(table.obstacles),
+    }
+    if any(wrong.values()):
+        keys = ", ".join(key for key, is_wrong in wrong.items() if is_wrong)
+        raise ArgumentError(
+            f"{result.scene}: mjcf and urdf cannot have {keys}; "
+            'take springs with periodic forces on ground of law = "elliptic", without rods and '
+            "obstacles"
+        )
     rest = np.array([*per(worm.rest_length, n), *per(worm.rest_angle, n - 1)])
-    courses = [
-        one.harmonics(count)
-        if one
-        else Harmonics(np.zeros(count), [np.zeros(count)], [np.zeros(count)])
+    forces = [
+        one.harmonics(count) if one else Polygon(np.zeros((2, count)))
         for one, count in ((drive.force, n), (drive.torque, n - 1))
     ]
 
     def targets(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        both = [course.at(t / drive.period) for course in courses]
-        force, rate = (np.hstack(parts) for parts in zip(*both, strict=True))
+        force, rate = map(
+            np.hstack, zip(*(one.at(t / drive.period) for one in forces), strict=True)
+        )
         return rest + force / elastic[0], rate / drive.period / elastic[0]
 
     start = table.start
     place, speed = start.places(worm)[0], start.velocities(worm)[0]
-    lengths, angles = (start.lengths or rest[:n], start.angles or rest[n:])
-    begin = np.array([*np.broadcast_to(lengths, n), *np.broadcast_to(angles, n - 1)])
+    begin = rest.copy()
+    if start.lengths is not None:
+        begin[:n] = start.lengths
+    if start.angles is not None:
+        begin[n:] = start.angles
     yaw = start.direction + float(begin[n:].sum())
     return Robot(
         result.scene,
         np.array(per(worm.mass, n + 1)),
+        np.zeros(n + 1),
+        np.zeros(n + 1),
         [ground.numbers for ground in grounds],
         drive.period,
         targets,

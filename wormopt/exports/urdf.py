@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import csv
 import io
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from wormopt.exports.mjcf import steps_of, written, xml
+from wormopt.exports.mjcf import add, steps_of, written
 from wormopt.exports.robot import Robot
 from wormopt.model.gait_table import remark_of_gait
 from wormopt.quantities import GRAVITY
@@ -31,14 +31,13 @@ def make(robot: Robot, stem: str, step: float = 0.01) -> dict[str, bytes]:
     root = Element("robot", name=stem)
     for i in range(len(robot.mass)):
         _body(robot, root, i)
-    control = SubElement(root, "ros2_control", name=stem, type="system")
-    plugin = SubElement(SubElement(control, "hardware"), "plugin")
-    plugin.text = "mock_components/GenericSystem"
+    control = add(root, "ros2_control", name=stem, type="system")
+    add(add(control, "hardware"), "plugin", "mock_components/GenericSystem")
     for name in robot.joints:
-        joint = SubElement(control, "joint", name=name)
-        SubElement(joint, "command_interface", name="position")
+        joint = add(control, "joint", name=name)
+        add(joint, "command_interface", name="position")
         for state in ("position", "velocity"):
-            SubElement(joint, "state_interface", name=state)
+            add(joint, "state_interface", name=state)
     return {
         f"{stem}.urdf": written(root, robot, _notes(robot)),
         f"{stem}_joints.csv": _table(robot, step),
@@ -67,20 +66,18 @@ def _notes(robot: Robot) -> tuple[str, ...]:
 
 def _body(robot: Robot, root: Element, i: int) -> None:
     """Mass i and the joints to it; a link and an angle need a body between them."""
-    body = SubElement(root, "link", name=f"mass_{i}")
+    body = add(root, "link", name=f"mass_{i}")
     ahead, back, aside = robot.grips[i]
     radius, mass = _THICK * robot.size, robot.mass[i]
     if robot.massless:
         mass = max(ahead, back, aside) / (_SLIPPERY * GRAVITY)
     _inertia(body, mass, radius)
     for part in ("visual", "collision"):
-        shape = SubElement(SubElement(body, part), "geometry")
-        SubElement(shape, "sphere", radius=xml(radius))
-    gazebo = SubElement(root, "gazebo", reference=f"mass_{i}")
-    weight, along = mass * GRAVITY, (ahead + back) / 2
+        add(add(add(body, part), "geometry"), "sphere", radius=radius)
+    gazebo, along = add(root, "gazebo", reference=f"mass_{i}"), (ahead + back) / 2
     for tag, force in (("mu1", along), ("mu2", aside if robot.planar else along)):
-        SubElement(gazebo, tag).text = xml(force / weight)
-    SubElement(gazebo, "fdir1").text = "1 0 0"
+        add(gazebo, tag, repr(float(force / (mass * GRAVITY))))
+    add(gazebo, "fdir1", "1 0 0")
     if i == 0:
         return
     link, bend, before = f"link_{i - 1}", f"joint_{i - 1}", f"mass_{i - 1}"
@@ -89,38 +86,36 @@ def _body(robot: Robot, root: Element, i: int) -> None:
         _joint(robot, root, link, (before, f"mass_{i}"), away)
         return
     if link in robot.joints:
-        _inertia(SubElement(root, "link", name=f"end_{i}"), mass * _LEAST, radius)
+        _inertia(add(root, "link", name=f"end_{i}"), mass * _LEAST, radius)
         _joint(robot, root, link, (before, f"end_{i}"), 0.0)
         before = f"end_{i}"
     _joint(robot, root, bend, (before, f"mass_{i}"), away)
 
 
 def _inertia(body: Element, mass: float, radius: float) -> None:
-    inertial = SubElement(body, "inertial")
-    SubElement(inertial, "mass", value=xml(mass))
-    ball = xml(0.4 * mass * radius**2)
-    turning = dict.fromkeys(("ixx", "iyy", "izz"), ball) | dict.fromkeys(("ixy", "ixz", "iyz"), "0")
-    SubElement(inertial, "inertia", turning)
+    inertial, ball = add(body, "inertial"), 0.4 * mass * radius**2
+    add(inertial, "mass", value=mass)
+    add(inertial, "inertia", ixx=ball, iyy=ball, izz=ball, ixy="0", ixz="0", iyz="0")
 
 
 def _joint(robot: Robot, root: Element, name: str, ends: tuple[str, str], away: float) -> None:
     """Joint between two bodies, the second one `away` behind; fixed if it has no target."""
     moves, slides = name in robot.joints, name.startswith("link")
     kind = ("prismatic" if slides else "revolute") if moves else "fixed"
-    joint = SubElement(root, "joint", name=name, type=kind)
-    SubElement(joint, "origin", xyz=xml(0.0 - away, 0, 0))
+    joint = add(root, "joint", name=name, type=kind)
+    add(joint, "origin", xyz=(0.0 - away, 0, 0))
     for word, body in zip(("parent", "child"), ends, strict=True):
-        SubElement(joint, word, link=body)
+        add(joint, word, link=body)
     if not moves:
         return
     j = robot.joints.index(name)
     low, high, rate = robot.reach[j].tolist()
     free = (high - low) * (_FREE if robot.elastic is None else 1.0)  # springs give way
-    SubElement(joint, "axis", xyz="-1 0 0" if slides else "0 0 -1")
-    bounds = {"lower": xml(low - free), "upper": xml(high + free), "velocity": xml(2 * rate)}
-    SubElement(joint, "limit", bounds, effort="1e6")  # URDF demands one, and scenes have none
+    add(joint, "axis", xyz="-1 0 0" if slides else "0 0 -1")
+    # URDF demands an effort, and scenes have none
+    add(joint, "limit", lower=low - free, upper=high + free, velocity=2 * rate, effort="1e6")
     if robot.elastic is not None:
-        SubElement(joint, "dynamics", damping=xml(robot.elastic[1, j]))
+        add(joint, "dynamics", damping=robot.elastic[1, j])
 
 
 def _table(robot: Robot, step: float) -> bytes:
