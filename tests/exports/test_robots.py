@@ -1,5 +1,6 @@
 """Worms as robots of physics engines: the files against the scene, and the motion in MuJoCo."""
 
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -204,6 +205,12 @@ def test_the_command_says_what_the_engine_lacks(
 def played(result: Result, steps: list[float], cycles: int = 2) -> list[Playback]:
     pytest.importorskip("mujoco", reason=NO_MUJOCO)
     return [play(result, step, cycles) for step in steps]
+
+
+def test_play_says_how_to_install_mujoco(fast: Result, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ArgumentError, match=r"pip install 'wormopt\[mujoco\]'"):
+        play(fast)
 
 
 @pytest.mark.parametrize("into", ["mjcf", "urdf"])

@@ -114,7 +114,8 @@ def robot_of(result: object) -> Robot:
 def _spiked(result: Result, table: Any) -> Robot:
     worm, gait = table.worm, Course.of(result).gait
     masses = worm.links + 1
-    way = float(result.scalars["speed"].value) * gait.period, 0.0, 0.0
+    speed = result.scalars.get("speed_ideal", result.scalars["speed"])  # without steps of motors
+    way = float(speed.value) * gait.period, 0.0, 0.0
     robot = _on_a_line(result, worm, worm.loads(worm.load_range[1]), gait, [Spike()] * masses)
     return replace(robot, way=way, **_started(result))
 
