@@ -16,7 +16,7 @@ _FORMATS = {
     "ros": "write the gait as a ROS message trajectory_msgs/JointTrajectory, in YAML",
     "mjcf": "write the worm for MuJoCo, with keyframes of its gait",
     "urdf": "write the worm as URDF, with a CSV table of its joints",
-    "fmu": "write the model as an FMI 3.0 unit for model exchange, with smooth friction",
+    "fmu": "write the model as an FMI 3.0 unit, with smooth friction",
 }
 
 

@@ -30,8 +30,13 @@ def mend_description(path: Path, name: str, text: str, timed: bool) -> None:
         if timed:
             unknown.set("dependencies", f"0 {unknown.get('dependencies', '')}".strip())
     units = {v.get("unit"): None for v in variables if v.get("unit")}
-    places = [*root]
-    after = places.index(root.find("ModelExchange")) + 1  # pyright: ignore[reportArgumentType]
+    exchange = root.find("ModelExchange")
+    assert exchange is not None
+    exchange.set("canGetAndSetFMUState", "true")
+    after = [*root].index(exchange) + 1
+    stepped = {"canHandleVariableCommunicationStepSize": "true"}
+    root.insert(after, ElementTree.Element("CoSimulation", {**exchange.attrib, **stepped}))
+    after += 1
     root.insert(after, ElementTree.Element("DefaultExperiment", startTime="0"))
     if units:
         defined = ElementTree.Element("UnitDefinitions")

@@ -51,7 +51,7 @@ def export(
         a Model to "fmu".
     formats : {"csv", "mat", "c", "ros", "fmu", "mjcf", "urdf"}, or several of them
         CSV tables; a MATLAB file; C99 source of the gait; the gait as a ROS message
-        trajectory_msgs/JointTrajectory in YAML; an FMI 3.0 model exchange unit of the model, its
+        trajectory_msgs/JointTrajectory in YAML; an FMI 3.0 unit of the model, its
         friction smooth; the worm for physics engines, as MJCF with keyframes of the gait or as
         URDF with a table of its joints.
     path : str or path, optional
