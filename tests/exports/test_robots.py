@@ -178,6 +178,15 @@ def test_results_without_such_a_robot_are_refused(tmp_path: Path):
     assert not [*tmp_path.iterdir()]
 
 
+def test_a_result_that_failed_early_is_written_all_the_same(bent: Result, tmp_path: Path):
+    failed = Result("walk", bent.kind, status="failed", reason="torn", scene_text=bent.scene_text)
+    (file,) = wo.export(failed, "mjcf", tmp_path)
+    assert "NOT TO BE TRUSTED, the result failed: torn" in file.read_text("utf-8")
+    whole = parsed(bent, "mjcf", tmp_path)
+    kept = [key.attrib for key in ElementTree.parse(file).getroot().iter("key")]
+    assert kept == [key.attrib for key in whole.iter("key")]
+
+
 @pytest.mark.parametrize(("step", "words"), [(0.0, "positive"), (1e-9, "write a step of at least")])
 def test_steps_are_checked(fast: Result, tmp_path: Path, step: float, words: str):
     with pytest.raises(ArgumentError, match=words):

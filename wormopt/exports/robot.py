@@ -114,8 +114,9 @@ def robot_of(result: object) -> Robot:
 def _spiked(result: Result, table: Any) -> Robot:
     worm, gait = table.worm, Course.of(result).gait
     masses = worm.links + 1
-    speed = result.scalars.get("speed_ideal", result.scalars["speed"])  # without steps of motors
-    way = float(speed.value) * gait.period, 0.0, 0.0
+    found = result.scalars
+    speed = found.get("speed_ideal", found.get("speed"))  # without steps of motors
+    way = None if speed is None else (float(speed.value) * gait.period, 0.0, 0.0)
     robot = _on_a_line(result, worm, worm.loads(worm.load_range[1]), gait, [Spike()] * masses)
     return replace(robot, way=way, **_started(result))
 
@@ -199,12 +200,13 @@ def _turning(result: Result, table: Any) -> Robot:
 
 
 def _designed(result: Result, table: Any) -> Robot:
-    aim, corners = table.task, result["corner"].values
-    if table.ground is None or not aim.closed:
+    aim = table.task
+    if table.ground is None or not aim.closed or "corner" not in result:
         raise ArgumentError(
             f"{result.scene}: mjcf and urdf need dry ground and a gait that repeats; take a design "
             'with [ground] and objective.purpose = "speed" or "turn"'
         )
+    corners = result["corner"].values
     grips = table.grips or (1.0,) * (table.body.links + 1)
     numbers = [tuple(grip * number for number in table.ground.numbers) for grip in grips]
     times = np.cumsum([0.0, *side_times(aim, corners)])
@@ -231,7 +233,10 @@ def _slow(
     lengths = body.sizes if body else None
     size = float(np.mean(lengths or targets(np.zeros(1))[0][0, : len(grips) - 1]))
     mass = _LIGHT * min(map(min, grips)) * cycle**2 / size
-    way = [*result.scalars["displacement"].value, result.scalars["turn"].value]
+    way = None
+    if "displacement" in result.scalars:  # not in a result that failed early
+        x, y = result.scalars["displacement"].value
+        way = (x, y, result.scalars["turn"].value)
     return Robot(
         result.scene,
         np.full(len(grips), mass),
@@ -240,7 +245,7 @@ def _slow(
         grips,
         cycle,
         targets,
-        (way[0], way[1], way[2]),
+        way,
         lengths,
         planar=True,
         heading=body.heading if body else "bisector",
