@@ -272,15 +272,15 @@ def test_planar_worms_move_in_mujoco_as_with_exact_contact(bent: Result, turning
 
 @pytest.mark.slow
 def test_a_worm_of_springs_moves_in_mujoco_as_with_exact_contact():
-    """Uphill, with the same friction ahead and back; otherwise an ellipse differs across."""
+    """Uphill, with friction 0.4 ahead and 1.2 back, which a controller sets in MuJoCo."""
     uphill = {"slope": 0.05, "gravity": 9.81}
-    result = wo.run("planar_chain", {"ground.backward": 0.4, "worm": uphill, "time.end": 3.0})
+    result = wo.run("planar_chain", {"worm": uphill, "time.end": 3.0})
     time, exact = result["time"].values, np.stack([result["x"].values, result["y"].values])
     errors = []
     for motion in played(result, [0.01, 0.003, 0.001], cycles=1):
         there = [[np.interp(motion.time, time, row) for row in rows] for rows in exact]
         errors.append(np.abs(motion.position - np.array(there).T).max())
-    assert errors[0] < 0.03
+    assert errors[0] < 0.05  # links have the length 1
     assert errors[1] < errors[0] / 2
     assert errors[2] < errors[1] / 2
 

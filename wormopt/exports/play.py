@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +50,7 @@ class Playback:
 
 
 def play(result: Result, step: float = 0.001, cycles: int = 2) -> Playback:
-    """Run the MJCF export of a result in MuJoCo.
+    """Run the MJCF export of a result in MuJoCo, in the plane with `friction_by_direction`.
 
     Parameters
     ----------
@@ -71,21 +73,19 @@ def play(result: Result, step: float = 0.001, cycles: int = 2) -> Playback:
     SolveError
         If MuJoCo diverges.
     """
-    try:
-        import mujoco  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise ArgumentError("MuJoCo is not installed; run: pip install 'wormopt[mujoco]'") from None
+    mujoco = _mujoco()
     robot = robot_of(result)
     (text,) = mjcf.make(robot, "worm", step).values()
     model = mujoco.MjModel.from_xml_string(text.decode())
-    data = mujoco.MjData(model)
+    data, rub = mujoco.MjData(model), friction_by_direction(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     bodies = [model.body(f"mass_{i}").id for i in range(len(robot.mass))]
-    mujoco.mj_kinematics(model, data)
+    mujoco.mj_forward(model, data)
     places, poses = [data.xpos[bodies, :2].copy()], [data.qpos[:3].copy()]
     for _ in range(cycles):
         for ctrl in model.key_ctrl:
             data.ctrl[:] = ctrl
+            rub(data)
             mujoco.mj_step(model, data)
             places.append(data.xpos[bodies, :2].copy())
         poses.append(data.qpos[:3].copy())
@@ -100,6 +100,52 @@ def play(result: Result, step: float = 0.001, cycles: int = 2) -> Playback:
         np.array([_way(a, b) for a, b in pairwise(poses)]),
         None if robot.way is None else np.array(robot.way),
     )
+
+
+def friction_by_direction(model: Any) -> Callable[[Any], None]:
+    """Let friction of an exported planar worm differ ahead and back exactly.
+
+    It takes the place of the constant pushes in the file, which are exact along the heading only.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        Model of the file; its pushes are set to 0.
+
+    Returns
+    -------
+    callable
+        Function of the MjData, to be called before every step. It sets the friction of each foot by
+        the direction of its velocity. Feet at rest creep against the force that holds them, so the
+        direction is known there, too.
+    """
+    mujoco = _mujoco()
+    feet: list[tuple[int, int, np.ndarray]] = []
+    for i in range(model.nsite):
+        pair, names = model.pair(f"ground_{i}"), (model.actuator(k).name for k in range(model.nu))
+        if f"push_{i}" in names:
+            push, foot = model.actuator(f"push_{i}"), model.joint(f"foot_{i}")
+            press = -foot.stiffness[0] * model.qpos_spring[foot.qposadr[0]]
+            share = push.biasprm[0] / press
+            push.biasprm[0] = 0.0
+            both = pair.friction[0] + share, pair.friction[0] - share
+            feet.append((model.site(f"foot_{i}").id, pair.id, np.array(both)))
+    velocity = np.zeros(6)
+
+    def rub(data: Any) -> None:
+        for site, pair, (back, ahead) in feet:
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 1)
+            model.pair_friction[pair, 0] = ahead if velocity[3] >= 0 else back
+
+    return rub
+
+
+def _mujoco() -> Any:
+    try:
+        import mujoco  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise ArgumentError("MuJoCo is not installed; run: pip install 'wormopt[mujoco]'") from None
+    return mujoco
 
 
 def _way(before: np.ndarray, after: np.ndarray) -> np.ndarray:

@@ -261,7 +261,8 @@ def _oval(grips: Sequence[tuple[float, float, float]]) -> tuple[str, ...]:
         return ()
     return (
         "friction that differs ahead and back is one ellipse about their mean and a constant "
-        "push: exact along the heading, not across it",
+        "push: exact along the heading, not across it, unless a controller sets the friction by "
+        "the direction of motion (wormopt.exports.play.friction_by_direction)",
     )
 
 
