@@ -15,6 +15,7 @@ import pytest
 import yaml
 from exported import by_formula, gait_in, made, rough, swing
 from hints import Capture, Patch
+from scipy import special
 
 import wormopt as wo
 from wormopt.cli import main
@@ -214,9 +215,15 @@ def replayed(fmu: Path, model: wo.Model, end: float, **given: Any) -> np.ndarray
     fmpy = pytest.importorskip("fmpy")
     assert pytest.importorskip("fmpy.validation").validate_fmu(str(fmu)) == []
     names = scalars(model.x)
-    step = end / 4000  # CVode takes 500 steps at most between two outputs
-    options = {"relative_tolerance": 1e-13, "output": names, "start_values": given}
-    found = fmpy.simulate_fmu(str(fmu), stop_time=end, output_interval=step, **options)
+    found = fmpy.simulate_fmu(
+        str(fmu),
+        fmi_type="ModelExchange",
+        stop_time=end,
+        output_interval=end / 4000,  # CVode takes 500 steps at most between two outputs
+        relative_tolerance=1e-13,
+        output=names,
+        start_values=given,
+    )
     return np.array([found[name][::400] for name in names])
 
 
@@ -299,6 +306,61 @@ def test_time_alone_changes_what_an_fmu_gives(tmp_path: Path):
     sizes = (ctypes.c_double * 2)()
     instance.getNominalsOfContinuousStates(sizes, 2)
     assert [*sizes] == [3.0, 1.0]
+    instance.terminate()
+    instance.freeInstance()
+
+
+@needs_compiler
+def test_co_simulation_is_the_motion_whatever_the_steps(tmp_path: Path):
+    fmpy = pytest.importorskip("fmpy")
+    model = worm()
+    (fmu,) = wo.export(model, "fmu", tmp_path)
+    given: dict[str, Any] = {"input[0]": 3.0, "input[1]": -2.0, "v_reg": 0.1}
+    expected = ours(model, 2.0, 0.1, input=[3.0, -2.0])
+    for interval, tolerance, limit in ((0.2, 1e-10, 1e-8), (0.02, 1e-10, 1e-8), (0.2, 1e-4, 1e-2)):
+        names = scalars(model.x)
+        found = fmpy.simulate_fmu(
+            str(fmu),
+            fmi_type="CoSimulation",
+            stop_time=2.0,
+            output_interval=interval,
+            relative_tolerance=tolerance,
+            output=names,
+            start_values=given,
+        )
+        every = round(0.2 / interval)
+        states = np.array([found[name][::every] for name in names])
+        assert np.abs(states - expected).max() < limit
+
+
+@needs_compiler
+def test_a_saved_state_of_an_fmu_is_restored(tmp_path: Path):
+    """The swing's x'' = -2 t x from 0.5 at time 0, stepped twice over the same interval."""
+    fmpy = pytest.importorskip("fmpy")
+    (fmu,) = wo.export(swing(), "fmu", tmp_path)
+    description = fmpy.read_model_description(str(fmu))
+    place = next(v.valueReference for v in description.modelVariables if v.name == "place")
+    instance = pytest.importorskip("fmpy.fmi3").FMU3Slave(
+        guid=description.instantiationToken,
+        unzipDirectory=fmpy.extract(str(fmu), unzipdir=str(tmp_path / "open")),
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="swing",
+    )
+    instance.instantiate()
+    instance.enterInitializationMode(tolerance=1e-9, startTime=0.0)
+    instance.exitInitializationMode()
+    instance.doStep(0.0, 1.0)
+    saved = instance.getFMUState()
+    places = []
+    for _ in range(2):
+        instance.doStep(1.0, 1.0)
+        places += instance.getFloat64([place])
+        instance.setFMUState(saved)
+    instance.freeFMUState(saved)
+    assert places[0] == places[1]
+    airy = special.airy(-(2 ** (1 / 3)) * np.array([0.0, 2.0]))  # Ai, Ai', Bi, Bi'
+    amplitudes = np.linalg.solve([[airy[0][0], airy[2][0]], [airy[1][0], airy[3][0]]], [0.5, 0.0])
+    assert places[0] == pytest.approx(amplitudes @ [airy[0][1], airy[2][1]], abs=1e-7)
     instance.terminate()
     instance.freeInstance()
 

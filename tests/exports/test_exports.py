@@ -318,7 +318,7 @@ def test_several_formats_at_once(saved: Path, tmp_path: Path, capsys: Capture, m
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["result"], "--csv, --mat, --c, --ros, --fmu"),
+        (["result"], "--csv, --mat, --c, --ros, --mjcf, --urdf, --fmu"),
         (["nothing", "--csv"], "nothing"),
         (["mine.txt", "--csv"], "no result of wormopt"),
         (["result", "--fmu"], "kind simulate or track"),

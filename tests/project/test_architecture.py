@@ -240,7 +240,13 @@ def test_the_wheel_holds_and_needs_nothing_of_the_tests():
     wheel = about["tool"]["hatch"]["build"]["targets"]["wheel"]
     assert (wheel["packages"], set(wheel["force-include"])) == (["wormopt"], {"problems"})
     extras = about["project"]["optional-dependencies"]
-    needed = [*about["project"]["dependencies"], *extras["data"], *extras["sweep"], "dask"]
+    needed = [
+        *about["project"]["dependencies"],
+        *extras["data"],
+        *extras["sweep"],
+        *extras["mujoco"],
+        "dask",
+    ]
     assert others(PACKAGE) <= {re.split("[>=]", line)[0] for line in needed}
 
 
