@@ -14,13 +14,7 @@ from loop_runs import Run
 from worms import point, worm
 
 from wormopt.control.funnel import Funnel, funnel_tracker
-from wormopt.control.lambda_tracker import (
-    Adaptation,
-    Decay,
-    Exponent,
-    Quadratic,
-    lambda_tracker,
-)
+from wormopt.control.lambda_tracker import Adaptation, Decay, Exponent, Quadratic, lambda_tracker
 from wormopt.control.loop import FeedForward
 from wormopt.control.reference import gait_reference
 from wormopt.model.gait import Gait
@@ -40,11 +34,7 @@ def puppet(law: Adaptation, pieces: Sequence[tuple[float, float]], **options: An
     q, v, u = ca.SX.sym("q"), ca.SX.sym("v"), ca.SX.sym("u")
     x = [Signal("position", q, value=0.0), Signal("velocity", v, value=0.0)]
     plant = Model(
-        "puppet",
-        x,
-        ca.vertcat(v, 0 * u),
-        u=[Signal("input", u)],
-        outputs=[Output("length", q)],
+        "puppet", x, ca.vertcat(v, 0 * u), u=[Signal("input", u)], outputs=[Output("length", q)]
     )
     t, e = np.array(pieces).T
     polynomial = np.stack([-e[:-1], -np.diff(e) / np.diff(t)], axis=1)[:, None, :]
@@ -209,10 +199,7 @@ def test_the_force_of_the_funnel_controller_at_a_point(seed: int):
         feedforward=FeedForward(10.0, 1.5),
     )
     e, e_rate = random.uniform(-0.5, 0.5, 2), random.uniform(-1, 1, 2)
-    x = {
-        "position": [4 + e.sum(), 2 + e[1], 0.0],
-        "velocity": [e_rate.sum(), e_rate[1], 0.0],
-    }
+    x = {"position": [4 + e.sum(), 2 + e[1], 0.0], "velocity": [e_rate.sum(), e_rate[1], 0.0]}
     at = point(loop, x, [np.full(2, 2.0), np.zeros(2)])
     width, rate_width = 0.5 + 1.5 * np.exp(-0.2), 3 + 6 * np.exp(-0.4)
     k0 = 1 / (1 - (e @ e) / width**2)

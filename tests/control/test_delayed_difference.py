@@ -158,12 +158,7 @@ def test_a_difference_does_not_bear_every_gain(lag: float):
     ends = []
     for share in (0.97, 1.03):
         loop = lambda_tracker(
-            plant,
-            still,
-            tube_radius=1.0,
-            feedback="difference",
-            lag=lag,
-            gain_start=share * border,
+            plant, still, tube_radius=1.0, feedback="difference", lag=lag, gain_start=share * border
         )
         t = np.linspace(0, 60 * lag, 1201)
         size = simulate(loop, t[-1], times=t, tolerance=LOOSE)["error_norm"][0]

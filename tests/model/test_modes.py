@@ -416,10 +416,7 @@ def test_head_then_tail_alone_is_enough_under_rate_limits():
     assert ceiling([1.0] * 2, [1.0] * 2, 1, [{0}, {1}]) == pytest.approx(0.5, rel=1e-9)
 
 
-@given(
-    contacts=st.integers(1, 8),
-    data=st.data(),
-)
+@given(contacts=st.integers(1, 8), data=st.data())
 def test_resting_sets_come_back_from_a_sequence(contacts: int, data: st.DataObject):
     phase = st.frozensets(st.integers(0, contacts - 1))
     sets = data.draw(st.lists(phase, min_size=1, max_size=6))

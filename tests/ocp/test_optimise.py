@@ -65,10 +65,7 @@ def difference(*given: Any) -> float:
 @pytest.mark.parametrize("treatment", [RELAXED, Regularised(0.03, 0.3)])
 @pytest.mark.parametrize(
     ("start", "end", "guess", "exact", "modes"),
-    [
-        ((0.0, 0.0), 1.0, LINE, SLIDE, [[1], [1]]),
-        ((0.0, 1.0), 0.0, BRAKE, BACK, [[1], [-1], [-1]]),
-    ],
+    [((0.0, 0.0), 1.0, LINE, SLIDE, [[1], [1]]), ((0.0, 1.0), 0.0, BRAKE, BACK, [[1], [-1], [-1]])],
 )
 def test_the_phases_read_off_a_relaxed_optimum_lead_to_the_exact_one(
     start, end, guess, exact, modes, treatment, arcs

@@ -50,11 +50,7 @@ def block(load: ca.SX | float = 0.0, t: ca.SX | None = None, **parameters: float
 
 
 @settings(max_examples=examples(15))
-@given(
-    mass=st.floats(0.3, 3.0),
-    friction=st.floats(0.3, 3.0),
-    speed=st.floats(0.3, 3.0),
-)
+@given(mass=st.floats(0.3, 3.0), friction=st.floats(0.3, 3.0), speed=st.floats(0.3, 3.0))
 def test_a_block_that_stops_has_gone_as_far_as_its_energy_lasts(
     mass: float, friction: float, speed: float
 ):
@@ -79,8 +75,7 @@ def test_a_load_that_grows_lets_the_block_go_when_it_holds_no_more():
     motion = simulate(block(k * t, t), 4.0, p=numbers, dense=True)
     found = gradient(motion, {"position": [1.0]})
     known = slopes(
-        lambda mass, friction, growth: growth * (4.0 - friction / growth) ** 3 / (6 * mass),
-        numbers,
+        lambda mass, friction, growth: growth * (4.0 - friction / growth) ** 3 / (6 * mass), numbers
     )
     for name, slope in known.items():
         assert found.p[name] == pytest.approx(slope, rel=1e-10)

@@ -622,9 +622,7 @@ def test_a_ball_put_on_the_floor_never_falls_through_it(speed: float, route: Rou
 
 @pytest.mark.parametrize("set_down", [False, True])
 @given(
-    kept=st.floats(0.2, 0.9),
-    size=st.floats(0, 8),
-    share=st.sampled_from([-0.45, -0.2, 0.2, 0.45]),
+    kept=st.floats(0.2, 0.9), size=st.floats(0, 8), share=st.sampled_from([-0.45, -0.2, 0.2, 0.45])
 )
 @example(kept=0.5, size=19 / 3, share=-0.2)
 @settings(

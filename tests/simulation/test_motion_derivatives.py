@@ -84,11 +84,7 @@ def test_a_growing_load_lets_go_when_stiction_says(route: Any):
     np.testing.assert_allclose(changes(release), [-s / a, 2 / a, 0.0], rtol=1e-12, atol=1e-13)
     v = (a * (t**2 - s**2) / 2 - f * (t - s)) / m
     by_s = (f - a * s) / m  # what a later release takes from the velocity
-    speed = [
-        (t**2 - s**2) / (2 * m) - by_s * s / a,
-        -(t - s) / m + by_s * 2 / a,
-        -v / m,
-    ]
+    speed = [(t**2 - s**2) / (2 * m) - by_s * s / a, -(t - s) / m + by_s * 2 / a, -v / m]
     np.testing.assert_allclose(sampled.end_derivative[1], speed, rtol=1e-10)
     np.testing.assert_array_equal(sampled.derivative("velocity")[..., 0], 0.0)
     # at rest the ground's force is minus the load

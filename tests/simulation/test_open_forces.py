@@ -74,10 +74,7 @@ def test_geared_wheels_stop_rest_and_go_as_one_contact_with_the_sum_of_their_for
     at_stop = -speed * stop + back * stop**2 / 2 + ramp * stop**3 / 6
     go = max(stop, ahead / ramp)
     left, after = ramp * go - ahead, 1.5
-    end = [
-        at_stop + left * after**2 / 2 + ramp * after**3 / 6,
-        left * after + ramp * after**2 / 2,
-    ]
+    end = [at_stop + left * after**2 / 2 + ramp * after**3 / 6, left * after + ramp * after**2 / 2]
     p = {"ratio": ratio, "law": law.ravel(), "ramp": ramp}
     motion = simulate(CART, go + after, p=p, x0={"v": -speed}, route="python")
     assert motion.end == pytest.approx(end, abs=1e-9)

@@ -222,10 +222,7 @@ def test_the_form_says_what_the_model_does(seed: int):
     form = normal_form(model, output="length", internal=INTERNAL)
     edges = np.eye(links, links + 1) - np.eye(links, links + 1, k=1)
     x, v, f = (random.normal(size=links + 1) for _ in range(3))
-    u, p = (
-        random.normal(size=links),
-        by_signal(model),
-    )
+    u, p = random.normal(size=links), by_signal(model)
     symbols = [pack(model.x), pack(model.u), pack(model.p), model.forces]
     at = np.concatenate([x, v]), u, p, f
     value = ca.Function("f", symbols, [model.ode, form.drift, form.gain, form.internal_rate])

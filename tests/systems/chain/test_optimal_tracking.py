@@ -25,12 +25,7 @@ from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import optimal_input
-from wormopt.systems.chain.tables import (
-    Grid,
-    LeastError,
-    Relaxation,
-    Tube,
-)
+from wormopt.systems.chain.tables import Grid, LeastError, Relaxation, Tube
 from wormopt.systems.spiked.construct import fast_gait
 
 # -- meshes over breaks ----------------------------------------------------------------------------

@@ -30,11 +30,7 @@ EXACT = {0.003: 0.280655, 0.01: 0.279601, 0.0355: 0.275727}
 
 
 def numbers(eps: float) -> dict[str, object]:
-    return {
-        "law": Coulomb(0.5 * eps, 1.0 * eps),
-        "push": eps,
-        "frequency": NATURAL + 0.5 * eps,
-    }
+    return {"law": Coulomb(0.5 * eps, 1.0 * eps), "push": eps, "frequency": NATURAL + 0.5 * eps}
 
 
 @pytest.mark.parametrize(

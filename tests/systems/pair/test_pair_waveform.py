@@ -419,8 +419,4 @@ def test_ranges_without_a_resonance_are_read(change: str):
 def test_the_scene_runs_and_draws(tmp_path: Path):
     folder = tmp_path / "out"
     assert main(["run", NAME, "-o", str(folder), "--quiet", "--set", "mesh.arcs=30"]) == 0
-    assert {path.name for path in folder.iterdir()} == {
-        "result.nc",
-        "summary.json",
-        "waveform.png",
-    }
+    assert {path.name for path in folder.iterdir()} == {"result.nc", "summary.json", "waveform.png"}

@@ -63,14 +63,8 @@ BROKEN: dict[str, tuple[Callable[[Any], Any], str]] = {
         "exceeds the bound",
     ),
     "a larger load": (lambda f: f["problem"].update(load=["6", "6"]), "exceeds the bound"),
-    "a smaller margin": (
-        lambda f: f["problem"].update(sigma_margin="-1"),
-        "exceeds the bound",
-    ),
-    "stronger spikes": (
-        lambda f: f["problem"].update(spike_load=["30"] * 3),
-        "exceeds the bound",
-    ),
+    "a smaller margin": (lambda f: f["problem"].update(sigma_margin="-1"), "exceeds the bound"),
+    "stronger spikes": (lambda f: f["problem"].update(spike_load=["30"] * 3), "exceeds the bound"),
     "stronger actuators": (
         lambda f: f["problem"].update(actuator_force=["30"] * 2),
         "exceeds the bound",

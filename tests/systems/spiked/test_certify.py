@@ -204,10 +204,7 @@ def makings(**kinds) -> st.SearchStrategy[Making]:
 
 @settings(max_examples=examples(8), derandomize=True)
 @given(
-    st.one_of(
-        makings(),
-        makings(shape=st.sampled_from([(2, 3), (2, 4)]), vanishing=st.just(True)),
-    ),
+    st.one_of(makings(), makings(shape=st.sampled_from([(2, 3), (2, 4)]), vanishing=st.just(True))),
     st.tuples(st.floats(0.1, 10.0), st.floats(0.1, 10.0)),
     st.sampled_from([0.0, 0.3, 3.0]),
     st.sampled_from([0.0, 2.0]),

@@ -223,10 +223,7 @@ def test_laws_of_motion_hold_for_any_smooth_gait(
 
 @settings(max_examples=examples(20))
 @given(
-    gait=smooth_gaits(3),
-    drag=st.floats(0, 3),
-    share=st.floats(0.05, 0.9),
-    ratio=st.floats(0.2, 5),
+    gait=smooth_gaits(3), drag=st.floats(0, 3), share=st.floats(0.05, 0.9), ratio=st.floats(0.2, 5)
 )
 def test_time_stepping_over_events_finds_the_same_motion(
     gait: Gait, drag: float, share: float, ratio: float

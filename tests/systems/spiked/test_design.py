@@ -185,10 +185,7 @@ limits_ = st.builds(
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=examples(5),
-    derandomize=True,
-)
+@settings(max_examples=examples(5), derandomize=True)
 @given(limits_)
 def test_no_designed_gait_passes_the_ceiling(given_):
     """Random limits: the ceiling holds, no limit is exceeded, and the second route agrees."""

@@ -15,12 +15,7 @@ from wormopt.quantities import Variable
 from wormopt.result import Result
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.shared.sequences import block_wave_sequence
-from wormopt.systems.spiked.construct import (
-    Profile,
-    accordion,
-    block_wave,
-    fast_gait,
-)
+from wormopt.systems.spiked.construct import Profile, accordion, block_wave, fast_gait
 from wormopt.systems.spiked.files import gait_of_result, load_gait
 
 # How many derivatives of the lengths are continuous.

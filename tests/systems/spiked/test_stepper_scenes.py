@@ -19,10 +19,7 @@ from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.spiked.construct import fast_gait
 from wormopt.systems.spiked.files import gait_of_result
 from wormopt.systems.spiked.stepper.stepper import Stepper
-from wormopt.systems.spiked.stepper.steps import (
-    Steps,
-    step_times,
-)
+from wormopt.systems.spiked.stepper.steps import Steps, step_times
 
 SCENE = "prototype_steps"
 
