@@ -1,7 +1,4 @@
-"""Decisions about contacts and switches at their bounds, by closed forms; compiled and in Python.
-
-What compiled steps refuse would be done in Python, unseen: that is forbidden here.
-"""
+"""Decisions about contacts and switches at their bounds, by closed forms; compiled and in Python."""
 
 from functools import cache
 from typing import Any
@@ -10,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from effort import examples
-from held_bodies import BACKWARD, FORWARD, ROD, body, consistent, rigid
+from held_bodies import BACKWARD, FORWARD, consistent, rigid
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from on_routes import attempted
@@ -21,7 +18,6 @@ from wormopt.model.friction import Coulomb, NoSlip, Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.planar_friction import Elliptic
 from wormopt.model.schedule import Schedule
-from wormopt.simulation import routes
 from wormopt.simulation.options import Route, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -32,13 +28,7 @@ DRIFT = 1e3 * (1e-14 + ERRORS)  # speed that a resting velocity may gather, of t
 STRUCK = 1e-11  # speed that only an impulse stops, of the nominal one
 EDGE = 100 * ERRORS  # share of a force that errors of a motion may bridge
 SIGNS = pytest.mark.parametrize("sign", [1.0, -1.0])
-
-
-@pytest.fixture(params=["native", "python"])
-def route(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Route:
-    if request.param == "native":
-        monkeypatch.setattr(routes, "_in_python", None)
-    return request.param
+pytestmark = pytest.mark.usefixtures("unaided")
 
 
 def kinds(motion: Trajectory) -> list[tuple[str, str]]:
@@ -67,8 +57,8 @@ def kicked(law: Any, nominal: float, pushed: float = 0.0) -> Model:
 @pytest.mark.parametrize(
     ("before", "after", "kind"),
     [
-        (1.0, 0.7 * STRUCK, "stick"),
-        (1.0, 1.4 * STRUCK, "impact"),
+        (1.0, 0.9995 * STRUCK, "stick"),
+        (1.0, 1.0005 * STRUCK, "impact"),
         (0.0, 0.7 * DRIFT, None),
         (0.0, 1.4 * DRIFT, "impact"),
     ],
@@ -247,20 +237,6 @@ def test_a_mirrored_sled_is_the_mirror_of_a_sled(order: int, route: Route):
     assert one.events[2].time == pytest.approx(stops.min(), rel=1e-12)
 
 
-@pytest.mark.parametrize("struck", [0, 1])
-def test_one_of_two_that_are_held_is_struck(struck: int, route: Route):
-    """The other has its impulse, too, but nothing stops it."""
-    v, f, t = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t")
-    G = np.array([[2.0, 0.8], [0.8, 1.0]])
-    grounds = [Contact(f"ground {i}", v[i], f[i], NoSlip()) for i in range(2)]
-    kick = Switch("kick", t - 0.5, v + ca.DM(np.eye(2)[struck]))
-    states = [Signal("v", v, value=0.0)]
-    sled = Model("sled", states, ca.DM(G) @ f, t=t, contacts=grounds, switches=[kick])
-    motion = simulate(sled, 1.0, route=route)
-    assert kinds(motion) == [("kick", "switch"), (f"ground {struck}", "impact")]
-    assert motion.end == pytest.approx([0.0, 0.0], abs=1e-13)
-
-
 @SIGNS
 @pytest.mark.parametrize("order", [1, -1])
 def test_what_is_let_go_as_another_is_struck_goes_its_way(order: int, sign: float, route: Route):
@@ -275,18 +251,6 @@ def test_what_is_let_go_as_another_is_struck_goes_its_way(order: int, sign: floa
     expected = {("ground 0", "release"), ("ground 1", "impact"), ("kick", "switch")}
     assert sorted(kinds(motion)) == sorted(expected)
     assert motion.end == pytest.approx([sign / 2, 0.0], abs=1e-12)
-
-
-def test_compiled_steps_leave_it_to_others_to_part_a_shared_load(monkeypatch: pytest.MonkeyPatch):
-    """Ends of 1 and 3 let go at 4 in all; how they share less is open, so who goes first."""
-    asked: list[float] = []
-    monkeypatch.setattr(routes, "_in_python", lambda task, report: asked.append(1) or 1 / 0)
-    laws = [Elliptic(F, F, F) for F in (1.0, 3.0)]
-    rod = body(ROD, laws, lambda t: ca.vertcat(t, 0, 0))
-    assert simulate(rod, 1.9, route="native").end[:3] == pytest.approx([0, 0, 0], abs=1e-12)
-    with pytest.raises(ZeroDivisionError):
-        simulate(rod, 3.0, route="native")
-    assert asked == [1]
 
 
 # -- onsets --------------------------------------------------------------------------------------

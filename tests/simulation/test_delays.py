@@ -21,8 +21,6 @@ from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.periodic import periodic_orbit
 from wormopt.simulation.simulate import simulate
 
-ROUTES: list[Route] = ["auto", "python"]
-
 
 def retarded(lag: float = 1.0, start: float = 1.0) -> Model:
     """x' = -x(t - lag), and x = start before."""
@@ -37,7 +35,6 @@ def by_steps(t: float) -> float:
     return sum((-1) ** k * (t - k + 1) ** k / factorial(k) for k in range(int(t) + 2))
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_the_simplest_delay_equation_against_its_polynomials(route: Route):
     motion = simulate(retarded(), 12.0, route=route, dense=True)
     t = np.linspace(0, 12, 97)
@@ -108,7 +105,6 @@ def test_a_lag_is_a_parameter_that_needs_no_new_model():
         simulate(lagging, 2.2, p={"lag": -1.0})
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("lag", [0.5, 0.37, 2.5])
 def test_jumps_come_back_after_the_lag(route: Route, lag: float):
     """A sawtooth s that falls from 1 to 0, and y' = s(t - lag), whose integral is known."""
@@ -130,7 +126,6 @@ def test_jumps_come_back_after_the_lag(route: Route, lag: float):
     assert motion["past"][0][apart] == pytest.approx((since % 1.0)[apart], abs=1e-12)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_jump_just_after_a_stretch_began_leaves_a_piece_that_is_all_but_nothing(route: Route):
     """The first step of the stretch one lag later must not look beyond that piece."""
     x, past, t = ca.SX.sym("x", 2), ca.SX.sym("past"), ca.SX.sym("t")
@@ -337,7 +332,6 @@ def test_a_past_of_any_size_is_remembered_in_few_pieces(monkeypatch: pytest.Monk
     assert max(counts) < 100
 
 
-@pytest.mark.parametrize("route", ["native", "python"])
 @pytest.mark.parametrize("remembers", ["sign", "state"])
 def test_a_relay_with_a_delay_turns_where_it_did(remembers: str, route: Route):
     """x' = -sign x(t - 1) from 0.5 falls to -1, and goes between -1 and 1 ever after."""

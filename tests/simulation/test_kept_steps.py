@@ -72,7 +72,6 @@ def test_largest_values_and_pictures_are_those_of_the_steps(route: Route):
     assert np.abs(motion.time - turn).min() == 0  # a step ends there
 
 
-@pytest.mark.parametrize("route", ["native", "python"])
 def test_states_at_events_are_those_behind_them_and_so_are_modes(route: Route):
     up = Switch("kick", t - 1, ca.vertcat(x, 5))
     model = Model(
@@ -99,7 +98,6 @@ def test_rows_are_thinned_out_evenly(most: int, count: int):
     assert rows[:, 1].tolist() == (10 * rows[:, 0]).tolist()
 
 
-@pytest.mark.parametrize("route", ["native", "python"])
 def test_memory_is_bounded_whatever_the_span(route: Route, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(simulating, "_KEPT", 64)
     monkeypatch.setattr(simulating, "_LEAST_KEPT", 64)

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from derived import block, both, changes
+from derived import block, changes
 from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -60,7 +60,6 @@ def differences(model: Model, span: float, label: str, h: float, **more: Any) ->
 # -- closed forms ----------------------------------------------------------------------------
 
 
-@both
 def test_a_block_that_is_thrown_stops_as_energy_says(route: Any):
     motion = simulate(block(), 10.0, sensitivities=["velocity", "mass", "friction"], route=route)
     (v, m, f), (stop,) = (2.0, 3.0, 1.5), motion.events
@@ -71,7 +70,6 @@ def test_a_block_that_is_thrown_stops_as_energy_says(route: Any):
     assert motion.nonsmooth_events == ()
 
 
-@both
 def test_a_growing_load_lets_go_when_stiction_says(route: Any):
     """At rest until load t = 3 = 2 F, then m v' = load t - F."""
     model, t = block(lambda t, load: load * t, speed=0.0), 14.0
@@ -138,7 +136,6 @@ def held(modes: np.ndarray, time: float) -> np.ndarray:
     return expm(a * time)
 
 
-@both
 @pytest.mark.parametrize("power", [2, 3])
 def test_a_gain_that_grows_from_where_a_tube_is_left(power: int, route: Any):
     """x' = 1, k' = c max(x - r, 0)^n: until x = r all derivatives of k are 0, then none is."""
@@ -154,7 +151,6 @@ def test_a_gain_that_grows_from_where_a_tube_is_left(power: int, route: Any):
     assert motion.n_steps < 200
 
 
-@both
 def test_what_is_0_in_theory_is_rounding_and_costs_no_steps(route: Any):
     """A link without ground moves as a whole under a uniform load: no spring is stretched."""
     worm = chain(
@@ -178,7 +174,6 @@ def throw(links: int = 2) -> Model:
     )  # fmt: skip
 
 
-@both
 def test_a_start_that_is_later_gives_the_same_motion_later(route: Any):
     """S f(x0) = f(x(t)) where nothing depends on time, and every event comes earlier by that."""
     model, t = throw(), np.linspace(0.0, 4.0, 41)
@@ -280,7 +275,6 @@ def test_gains_that_jump_agree_with_differences():
         assert np.abs(d - by).max() < 1e-6 * np.abs(d).max(), label
 
 
-@both
 @pytest.mark.parametrize(("jump", "told"), [(1.0, 1), (1.5, 0), (0.5, 0)])
 def test_a_guard_that_lands_at_0_is_told(jump: float, told: int, route: Any):
     """At x = 1 y jumps by `jump` from -1; where y > 0, z jumps: a small change of y does it."""
@@ -303,7 +297,6 @@ def test_a_guard_that_lands_at_0_is_told(jump: float, told: int, route: Any):
     assert simulate(model, 2.0, sensitivities=["x"], route=route).nonsmooth_events == ()
 
 
-@both
 @pytest.mark.parametrize(("pull", "told"), [(2.0, 1), (-2.0, 1), (1.0, 0)])
 def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: Any):
     """Friction 1.5, stiction 3: under a pull of 2 the slightest push sets the mass going."""
@@ -316,7 +309,6 @@ def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: A
     assert (abs(pushed.end[1]) > 0.1) == bool(told)
 
 
-@both
 def test_a_push_at_what_rests_on_a_sledge_is_shared_with_it(route: Any):
     """Masses 1 and 3, without a jump of velocity: momentum says how both move."""
     v, f = ca.SX.sym("v", 2), ca.SX.sym("f")
@@ -328,7 +320,6 @@ def test_a_push_at_what_rests_on_a_sledge_is_shared_with_it(route: Any):
     np.testing.assert_allclose(motion.end_derivative, [[0.25, 0.75]] * 2, rtol=1e-12)
 
 
-@both
 def test_a_root_at_0_has_no_derivative_and_says_so(route: Any):
     """y' = sqrt(x) while x falls to 0 and beyond: the slope is infinite there."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
@@ -493,7 +484,6 @@ def test_algebraic_equations_have_derivatives_too():
     np.testing.assert_allclose(motion.end_derivative[0], expected, rtol=1e-8)
 
 
-@both
 def test_values_of_schedules_move_the_motion_while_they_hold(route: Any):
     """x' = c x s, c of pieces, s the time since its own began; a third is never reached."""
     x, c, begin = ca.SX.sym("x"), ca.SX.sym("c"), ca.SX.sym("begin")

@@ -22,8 +22,6 @@ from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
-ROUTES: tuple[Route, ...] = ("native", "python")
-
 
 def critical(
     points: np.ndarray, laws: list[Elliptic], load: np.ndarray, n_starts: int = 2
@@ -69,7 +67,6 @@ def releases(motion: Trajectory) -> dict[str, float]:
     return {e.name: e.time for e in motion.events if e.kind == "release"}
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_rod_pulled_along_holds_what_both_ends_hold(route: Route):
     """Ends of 1 and 3 share a load until 4; then x'' = (t - 4) / 2."""
     rod = body(ROD, ROUND, lambda t: ca.vertcat(t, 0, 0))
@@ -79,7 +76,6 @@ def test_a_rod_pulled_along_holds_what_both_ends_hold(route: Route):
     assert motion.end[[1, 2]] == pytest.approx([0, 0], abs=1e-12)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("pull", [3.9, 4.0 + 1e-6, 4.5])
 def test_a_rod_pulled_from_the_start_slips_at_once_if_its_ends_do_not_hold_it(
     pull: float, route: Route

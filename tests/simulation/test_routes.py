@@ -126,7 +126,6 @@ def test_tracked_worms_arrive_where_the_benchmark_says(feedback: str, route: Rou
     assert motion.end == pytest.approx(TRACK[feedback], abs=accepted)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_the_magnetic_pair_has_the_events_of_the_benchmark(route: Route):
     motion = simulate(magnetic_pair(), 400.0, tolerance=SHARP, route=route)
     assert len(motion.events) == 369
@@ -212,7 +211,6 @@ def test_contacts_that_act_on_each_other_decide_alike():
     assert_lawful(a)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_velocity_that_is_no_state_drifts_at_rest_without_harm(route: Route):
     """Velocities v (1.5 + cos x) stay zero at rest up to the errors of the steps only."""
     x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
@@ -311,7 +309,6 @@ def test_a_worm_in_and_out_of_its_tube_moves_alike():
 # -- the whole motion ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize("contact", [Exact(), Smooth()])
 def test_the_kept_motion_holds_the_samples(route: Route, contact: Treatment):
     t = np.linspace(0, 10, 237)

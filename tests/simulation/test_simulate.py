@@ -268,7 +268,6 @@ def test_contacts_that_do_not_determine_their_forces_share_what_they_hold():
     assert not motion.events
 
 
-@pytest.mark.parametrize("route", ["native", "python"])
 def test_impacts_of_contacts_that_act_on_each_other_are_refused(route: Route):
     x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
     laws = (Spike(), Coulomb(1.0, 1.0))
@@ -467,7 +466,6 @@ def test_what_is_not_of_its_kind_is_not_taken_for_something_else(options: dict, 
         simulate(oscillator(), 1.0, **options)
 
 
-@pytest.mark.parametrize("route", ["native", "python"])
 @given(height=st.floats(0.1, 50.0), push=st.floats(-5.0, 5.0))
 @settings(max_examples=examples(15))
 def test_a_terminal_switch_ends_the_motion(route: Route, height: float, push: float):

@@ -135,7 +135,6 @@ def test_steps_into_a_layer_are_not_misjudged_where_one_formula_sees_nothing(rou
 BEGIN = 1e-6 * (6**9 - 1) / 5
 
 
-@pytest.mark.parametrize("route", ["native", "python"])
 def test_nor_are_derivatives_whose_states_stand_still(route: Route):
     def seen_by_five(h: float) -> float:
         return float(DOP853.E5[:-1] @ np.tanh((h * DOP853.C - 8) / width))

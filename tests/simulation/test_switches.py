@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from on_routes import SHARP, STEPPING, event_times, listed
+from on_routes import SHARP, event_times, listed
 
 from wormopt.model.friction import Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
@@ -25,7 +25,6 @@ def circle(guard: str) -> Model:
     )
 
 
-@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize(("guard", "first"), [("sin t", 0.0), ("-cos t", np.pi / 2), ("y", 0.0)])
 @pytest.mark.parametrize("relative", [1e-6, 1e-8, 1e-10, 1e-12])
 def test_a_guard_that_goes_on_rising_fires_once_a_turn(
@@ -38,7 +37,6 @@ def test_a_guard_that_goes_on_rising_fires_once_a_turn(
     assert motion.end[2] == 16
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_level_crossed_up_and_down_is_seen_each_time(route: Route):
     y = ca.SX.sym("y", 2)
     crossings = [Switch("up", y[0] - 0.3, y), Switch("down", 0.3 - y[0], y)]
@@ -52,7 +50,6 @@ def test_a_level_crossed_up_and_down_is_seen_each_time(route: Route):
         assert found == pytest.approx(times[times < 100.0], abs=1e-10)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize("period", [0.1 / 7, 0.3, 1 / 3, 0.7])
 def test_a_switch_may_fire_where_a_schedule_breaks(route: Route, period: float):
     w, count, c, begin = (ca.SX.sym(name) for name in ("w", "count", "c", "begin"))
@@ -68,7 +65,6 @@ def test_a_switch_may_fire_where_a_schedule_breaks(route: Route, period: float):
     assert motion.end == pytest.approx([period / 2, 10.0], abs=1e-13)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_jump_of_the_state_fires_other_switches(route: Route):
     """At x = 1 it jumps to -1; y, which jumps to 3 then, is put back to 0 at once."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
@@ -87,7 +83,6 @@ def test_a_jump_of_the_state_fires_other_switches(route: Route):
     assert motion.end == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_guard_that_begins_at_zero_and_falls_does_not_fire(route: Route):
     x = ca.SX.sym("x")
     model = Model(
@@ -101,7 +96,6 @@ def test_a_guard_that_begins_at_zero_and_falls_does_not_fire(route: Route):
     assert motion.end == pytest.approx([-1.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize("levels", [(1.0, 0.99), (0.99, 1.0), (1.0, 0.4), (0.5, 0.5)])
 def test_events_close_to_each_other_keep_their_order(route: Route, levels: tuple[float, float]):
     """They lie within one step, whichever switch is written first."""
@@ -120,7 +114,6 @@ def test_events_close_to_each_other_keep_their_order(route: Route, levels: tuple
     assert motion.end == pytest.approx([20.0, *levels], abs=1e-12)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_velocity_made_to_jump_is_an_impact(route: Route):
     """Thrown backward while it slides, a spike stops, and so it does when it has rested."""
     x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
@@ -138,7 +131,6 @@ def test_a_velocity_made_to_jump_is_an_impact(route: Route):
     assert motion.end == pytest.approx([1.0, 0.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_spike_that_is_hit_and_pulled_on_has_its_impact(route: Route):
     """Thrown backward while a force pulls it forward, it stops and slides on at once."""
     x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
@@ -157,7 +149,6 @@ def test_a_spike_that_is_hit_and_pulled_on_has_its_impact(route: Route):
     assert motion.end[1] == pytest.approx((14.0 - throws[-1]) / 3, abs=1e-10)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(route: Route):
     """It is thrown from 0 to 1, falls to 7/8 and rises for ever."""
     v, w, count = ca.SX.sym("v"), ca.SX.sym("w"), ca.SX.sym("count")
@@ -176,7 +167,6 @@ def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(route: Rou
     assert motion.end[0] == pytest.approx(1 - since / 2 + since**2 / 2, abs=1e-9)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_guard_that_a_jump_lifts_and_leaves_above_zero_must_come_back_too(route: Route):
     """Lifted from -5 to 0.3, it is thrown to 1/2, falls to 3/8 and rises for ever."""
     v, w, count, t = (ca.SX.sym(name) for name in ("v", "w", "count", "t"))
@@ -197,7 +187,6 @@ def test_a_guard_that_a_jump_lifts_and_leaves_above_zero_must_come_back_too(rout
     assert motion.end[0] == pytest.approx(0.5 - 3.5 / 2 + 3.5**2 / 2, abs=1e-9)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize("level", [0.1, 0.3, 0.7, 1.1])
 def test_a_motion_stopped_at_its_guard_does_not_fire_it_again(route: Route, level: float):
     """x'' = 1; at x = level the velocity is made zero, and x goes on rising from there."""
@@ -211,7 +200,6 @@ def test_a_motion_stopped_at_its_guard_does_not_fire_it_again(route: Route, leve
     assert motion.end[1] == pytest.approx(5 - time, abs=1e-11)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_what_is_stopped_just_below_its_guard_by_rounding_does_not_fire_it_again(route: Route):
     """x'' = 1 + cos(5 t); with derivatives the place of an event is not shifted to the last bit."""
     x, v, t, level = (ca.SX.sym(name) for name in ("x", "v", "t", "level"))
