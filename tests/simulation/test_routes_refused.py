@@ -35,7 +35,7 @@ def test_growth_beyond_bounds_keeps_what_there_is(route: Route):
     assert (error.code == "solver_failed") == (route == "cvodes")
     motion = error.partial
     assert 0.95 < motion.end_time < 1 + 1e-9
-    assert len(motion.time) > 90
+    assert motion.time.tolist() == t[: len(motion.time)].tolist()
     known = motion.time < 0.9
     assert motion.states[0, known] == pytest.approx(1 / (1 - motion.time[known]), rel=1e-6)
 

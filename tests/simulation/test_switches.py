@@ -85,13 +85,8 @@ def test_a_jump_of_the_state_fires_other_switches(route: Route):
 
 def test_a_guard_that_begins_at_zero_and_falls_does_not_fire(route: Route):
     x = ca.SX.sym("x")
-    model = Model(
-        "leaves",
-        x=[Signal("x", x, value=1.0)],
-        ode=ca.SX(-1),
-        switches=[Switch("up", x - 1, x + 5)],
-    )
-    motion = simulate(model, 2.0, route=route)
+    states, up = [Signal("x", x, value=1.0)], Switch("up", x - 1, x + 5)
+    motion = simulate(Model("leaves", states, ca.SX(-1), switches=[up]), 2.0, route=route)
     assert not motion.events
     assert motion.end == pytest.approx([-1.0], abs=1e-12)
 
@@ -149,42 +144,25 @@ def test_a_spike_that_is_hit_and_pulled_on_has_its_impact(route: Route):
     assert motion.end[1] == pytest.approx((14.0 - throws[-1]) / 3, abs=1e-10)
 
 
-def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(route: Route):
-    """It is thrown from 0 to 1, falls to 7/8 and rises for ever."""
-    v, w, count = ca.SX.sym("v"), ca.SX.sym("w"), ca.SX.sym("count")
-    values = {"v": -0.5, "w": 1.5, "count": 0.0}
-    model = Model(
-        "thrown",
-        x=[Signal(str(s), s, value=values[str(s)]) for s in (v, w, count)],
-        ode=ca.vertcat(w - 0.5, 1, 0),
-        switches=[Switch("rises", v, ca.vertcat(1, 0, count + 1))],
-    )
+@pytest.mark.parametrize("lift", [None, 0.5])
+def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(
+    route: Route, lift: float | None
+):
+    """It is thrown from 0 to 1, falls to 7/8 and rises for ever; or a jump lifts it before."""
+    v, w, count, t = (ca.SX.sym(name) for name in ("v", "w", "count", "t"))
+    values = {"v": -0.5 if lift is None else -5.0, "w": 1.5 if lift is None else lift, "count": 0.0}
+    switches = [Switch("rises", v, ca.vertcat(1, 0, count + 1))]
+    if lift:
+        switches.insert(0, Switch("lift", t - lift, ca.vertcat(0.3, w, count)))
+    states = [Signal(str(s), s, value=values[str(s)]) for s in (v, w, count)]
+    model = Model("thrown", states, ca.vertcat(w - 0.5, 1, 0), t=t, switches=switches)
     motion = simulate(model, 10.0, route=route)
-    time = np.sqrt(2) - 1
-    assert event_times(motion) == pytest.approx([time], abs=1e-12)
+    time = lift or np.sqrt(2) - 1
+    assert [event.name for event in motion.events] == [switch.name for switch in switches]
+    assert event_times(motion) == pytest.approx(time, abs=1e-12)
     assert motion.end[2] == 1
     since = 10 - time
     assert motion.end[0] == pytest.approx(1 - since / 2 + since**2 / 2, abs=1e-9)
-
-
-def test_a_guard_that_a_jump_lifts_and_leaves_above_zero_must_come_back_too(route: Route):
-    """Lifted from -5 to 0.3, it is thrown to 1/2, falls to 3/8 and rises for ever."""
-    v, w, count, t = (ca.SX.sym(name) for name in ("v", "w", "count", "t"))
-    values = {"v": -5.0, "w": 0.5, "count": 0.0}
-    model = Model(
-        "lifted",
-        x=[Signal(str(s), s, value=values[str(s)]) for s in (v, w, count)],
-        ode=ca.vertcat(w - 0.5, 1, 0),
-        t=t,
-        switches=[
-            Switch("lift", t - 0.5, ca.vertcat(0.3, w, count)),
-            Switch("rises", v, ca.vertcat(0.5, 0, count + 1)),
-        ],
-    )
-    motion = simulate(model, 4.0, route=route)
-    assert [event.name for event in motion.events] == ["lift", "rises"]
-    assert motion.end[2] == 1
-    assert motion.end[0] == pytest.approx(0.5 - 3.5 / 2 + 3.5**2 / 2, abs=1e-9)
 
 
 @pytest.mark.parametrize("level", [0.1, 0.3, 0.7, 1.1])
