@@ -1,9 +1,13 @@
 """What tests read from results of scenes."""
 
+import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 import wormopt as wo
+from wormopt.cli import main
 
 
 def run_text(folder: Path, text: str, *changes: str) -> wo.Result:
@@ -11,6 +15,15 @@ def run_text(folder: Path, text: str, *changes: str) -> wo.Result:
     path = folder / "scene.toml"
     path.write_text(text)
     return wo.run(wo.load_scene(path, list(changes)))
+
+
+def told_by_a_run(
+    capsys: pytest.CaptureFixture[str], scene: str | Path, folder: Path, *changes: str
+) -> tuple[int, dict[str, Any]]:
+    """Exit code of `wormopt run`, and what it prints."""
+    sets = [part for change in changes for part in ("--set", change)]
+    code = main(["run", str(scene), "--json", "-o", str(folder), *sets])
+    return code, json.loads(capsys.readouterr().out)
 
 
 def value(result: wo.Result, name: str) -> Any:
