@@ -18,11 +18,16 @@ def run_text(folder: Path, text: str, *changes: str) -> wo.Result:
 
 
 def told_by_a_run(
-    capsys: pytest.CaptureFixture[str], scene: str | Path, folder: Path, *changes: str
+    capsys: pytest.CaptureFixture[str],
+    scene: str | Path,
+    folder: Path,
+    *changes: str,
+    plots: bool = False,
 ) -> tuple[int, dict[str, Any]]:
     """Exit code of `wormopt run`, and what it prints."""
-    sets = [part for change in changes for part in ("--set", change)]
-    code = main(["run", str(scene), "--json", "-o", str(folder), *sets])
+    more = [part for change in changes for part in ("--set", change)]
+    more += [] if plots else ["--no-plots"]
+    code = main(["run", str(scene), "--json", "-o", str(folder), *more])
     return code, json.loads(capsys.readouterr().out)
 
 

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from judged import check
 
 from tests.benchmarks import design_cases, design_rivals
-from wormopt.errors import SolveError
 from wormopt.numerics.bilinear import Climb, Point
 from wormopt.systems.shared.sequences import lasting
 from wormopt.systems.spiked.design.optimize import design
@@ -175,17 +174,11 @@ def test_no_rival_of_any_order_is_faster_on_random_problems(index: int):
     assert speed <= found.speed * (1 + 1e-6)
 
 
-@settings(max_examples=examples(8), derandomize=True)
-@given(st.integers(0, 10_000))
-def test_every_gait_keeps_its_limits(seed):
+@pytest.mark.parametrize(
+    "seed", [48, 59, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 7, 16, 18, 20, 39))]
+)
+def test_every_gait_keeps_its_limits(seed: int):
     """Random problems of two and three links by the judge, by integration and by `crawl`."""
-    case = design_cases.draw(seed, 1)[0]
-    worm, limits = parts_of(case)
-    if worm.links > 3 or worm.drag or limits.resting > 1:
-        reject()
+    worm, limits = parts_of(design_cases.draw(seed, 1)[0])
     search = Search(sequence=((0,), (worm.links,)), effort="quick", workers=1)
-    try:
-        found = design(worm, limits, search=search)
-    except SolveError:
-        reject()
-    check(found)
+    check(design(worm, limits, search=search))
