@@ -11,7 +11,7 @@ from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from loop_runs import Run, piece_at
-from worms import point, worm
+from worms import TRACKED, point, worm
 
 from wormopt.control.funnel import Funnel, funnel_tracker
 from wormopt.control.lambda_tracker import (
@@ -29,8 +29,6 @@ from wormopt.model.model import Model, Output, Signal, pack
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
 
-# -- a small simulator: scipy's DOP853, stretch by stretch between breaks and events -------------
-
 
 def pushed() -> Model:
     plant = worm()
@@ -38,19 +36,6 @@ def pushed() -> Model:
 
 
 # -- benchmarks of docs/verification.md -------------------------------------------------------
-
-TRACKS: dict[Feedback, list[float]] = {
-    "filter": [
-        13.7293026425339, 12.5129899383629, 11.2234323017047,
-        1.5442046082437, 1.2147444914821, 0.6496895012235,
-        17.0537482219161, -0.7848014274676, -0.7122939752036,
-    ],
-    "derivative": [
-        13.9905483956915, 12.7643770141827, 11.4656131519066,
-        1.5265682540374, 1.2068425686835, 0.6714590289857,
-        17.4065002539140,
-    ],
-}  # fmt: skip
 
 
 @pytest.mark.parametrize("feedback", ["filter", "derivative"])
@@ -60,7 +45,7 @@ def test_the_trackers_reproduce_the_benchmarks(feedback: Feedback):
     reference = gait_reference(fast_gait(1.0), plant.t)
     loop = lambda_tracker(plant, reference, tube_radius=0.2, feedback=feedback)
     run = Run(loop, 10.0)
-    assert run.end == pytest.approx(TRACKS[feedback], abs=1e-9)
+    assert run.end == pytest.approx(TRACKED[feedback], abs=1e-9)
     assert run["error_norm"].min() > 0.2  # the tube is never reached
 
 
@@ -108,18 +93,6 @@ def test_a_reference_is_the_gait_and_its_exact_derivatives(name: str, t: float, 
     for derivative, part in enumerate(found):
         expected = gait(np.array([t + shift]), derivative)[:, 0]
         assert part == pytest.approx(expected, rel=1e-9, abs=1e-9)
-
-
-@pytest.mark.parametrize("name", GAITS)
-def test_rates_are_slopes_of_the_values(name: str):
-    """Central differences inside a piece, which know nothing of derivatives."""
-    gait, time, h = GAITS[name], ca.SX.sym("t"), 1e-5
-    reference = gait_reference(gait, time, shift=0.1)
-    for t in (gait.breaks[:-1] + gait.breaks[1:]) / 2 - 0.1 + 3 * gait.period:
-        ahead, now, behind = (evaluated(reference, time, t + d) for d in (h, 0.0, -h))
-        for k in (0, 1):
-            slope = (ahead[k] - behind[k]) / (2 * h)
-            assert now[k + 1] == pytest.approx(slope, abs=1e-4 * (1 + np.abs(slope).max()))
 
 
 def test_a_reference_may_have_no_shift_that_is_no_number():

@@ -16,20 +16,13 @@ from wormopt.ocp.mesh import Mesh, on_finer_mesh
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.transcription import Transcription
+from wormopt.systems.block.block import block
 
 ROOT_ONE_AND_A_HALF = 1.224744871391589
+BLOCK = block(Coulomb(1.0, 2.0), force=3.0)
 
 
-def block(force: float = 3.0) -> Model:
-    """A block on dry ground, F+ = 1 and F- = 2, driven by a bounded force."""
-    x, v, u, f = (ca.SX.sym(name) for name in ("x", "v", "u", "f"))
-    return Model(
-        "block",
-        x=[Signal("position", x), Signal("velocity", v)],
-        ode=ca.vertcat(v, u + f),
-        u=[Signal("drive", u, lower=-force, upper=force)],
-        contacts=[Contact("sole", v, f, Coulomb(1.0, 2.0))],
-    )
+
 
 
 def fastest(model: Model, start: tuple[float, ...], end: tuple[float, float]) -> Problem:
@@ -64,7 +57,7 @@ def solved(program: Transcription, modes: list[int], speed: float = 0.5):
     ],
 )
 def test_time_optimal_block_on_dry_ground_is_exact(start, end, modes, exact):
-    program = Transcription(fastest(block(), start, end), Mesh(len(modes), 2, Collocation(2)))
+    program = Transcription(fastest(BLOCK, start, end), Mesh(len(modes), 2, Collocation(2)))
     solution, _ = solved(program, modes, speed=0.0)
     assert solution.objective == pytest.approx(exact, abs=1e-9)
     assert solution.violation <= 1e-12
@@ -73,7 +66,7 @@ def test_time_optimal_block_on_dry_ground_is_exact(start, end, modes, exact):
 def test_a_sticking_contact_does_not_move_and_its_force_stays_in_the_interval():
     # the sticking mode itself says that it starts at rest: only the position is given
     program = Transcription(
-        fastest(block(), (0.0,), (1.0, 0.0)), Mesh(2, 2, Collocation(3), input_degree=1)
+        fastest(BLOCK, (0.0,), (1.0, 0.0)), Mesh(2, 2, Collocation(3), input_degree=1)
     )
     solution, _ = solved(program, [0, 1])
     arcs = program.unpack(solution.w)
@@ -162,7 +155,7 @@ def test_bounds_hold_inside_arcs_not_only_at_nodes():
 
 
 def test_refining_a_mesh_keeps_the_motion():
-    problem = fastest(block(), (0.0, 0.0), (1.0, 0.0))
+    problem = fastest(BLOCK, (0.0, 0.0), (1.0, 0.0))
     coarse = Transcription(problem, Mesh(1, 2, Collocation(2)))
     solution, _ = solved(coarse, [1])
     mesh = Mesh(1, 6, Collocation(5), input_degree=3)
@@ -189,7 +182,7 @@ def test_arcs_are_split_by_what_they_err_at_the_order_of_the_scheme():
 
 
 def test_pack_is_the_inverse_of_unpack():
-    program = Transcription(fastest(block(), (0, 0), (1, 0)), Mesh(2, 3, Collocation(3), 1))
+    program = Transcription(fastest(BLOCK, (0, 0), (1, 0)), Mesh(2, 3, Collocation(3), 1))
     w = np.random.default_rng(0).normal(size=len(program.rest(np.ones(6), np.zeros(2))))
     bounds = program.bounds(ModeSequence(((1,), (1,))))
     again = program.pack(program.unpack(w), bounds)
@@ -201,16 +194,10 @@ def test_pack_is_the_inverse_of_unpack():
 
 def sized() -> Transcription:
     """Of a block whose position, velocity and time have nominal sizes other than 1."""
-    x, v, u, f = (ca.SX.sym(name) for name in ("x", "v", "u", "f"))
-    model = Model(
-        "block",
-        x=[Signal("position", x, nominal=5.0), Signal("velocity", v, nominal=0.2)],
-        ode=ca.vertcat(v, u + f),
-        u=[Signal("drive", u, lower=-3.0, upper=3.0)],
-        contacts=[Contact("sole", v, f, Coulomb(1.0, 2.0))],
-    )
-    problem = replace(fastest(model, (0.0, 0.0), (1.0, 0.0)), duration=(4.0, 6.0))
-    return Transcription(problem, Mesh(2, 2, Collocation(3), shares=(0.3, 0.7, 0.5, 0.5)))
+    states = [replace(s, nominal=size) for s, size in zip(BLOCK.x, (5.0, 0.2), strict=True)]
+    problem = fastest(replace(BLOCK, x=states), (0.0, 0.0), (1.0, 0.0))
+    mesh = Mesh(2, 2, Collocation(3), shares=(0.3, 0.7, 0.5, 0.5))
+    return Transcription(replace(problem, duration=(4.0, 6.0)), mesh)
 
 
 def test_a_worm_at_rest_rests_where_it_is_told_and_as_long():
@@ -425,7 +412,7 @@ def test_states_have_their_rows():
 
 
 def test_rows_have_names_to_the_last():
-    program = Transcription(fastest(block(), (0.0, 0.0), (1.0, 0.0)), Mesh(2, 4, Collocation(2)))
+    program = Transcription(fastest(BLOCK, (0.0, 0.0), (1.0, 0.0)), Mesh(2, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((1,), (-1,))))
     names = [program.name_of(row) for row in range(len(bounds.lbg))]
     assert names[-4:] == ["start", "start", "end", "end"]
@@ -457,7 +444,7 @@ def test_a_constant_is_chosen_in_its_own_unit():
 
 
 def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
-    model = block()
+    model = BLOCK
     ends = Ends.of(model)
     problem = Problem(
         model,
@@ -482,7 +469,7 @@ def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
 
 
 def test_wrong_number_of_phases_is_refused():
-    program = Transcription(fastest(block(), (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
+    program = Transcription(fastest(BLOCK, (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
     with pytest.raises(ValueError, match="1 phases given, the mesh has 2"):
         program.bounds(ModeSequence(((1,),)))
 

@@ -1,4 +1,4 @@
-"""Decisions about contacts and switches at their bounds, by closed forms; compiled and in Python."""
+"""Decisions about contacts and switches at their bounds, by closed forms, on both routes."""
 
 from functools import cache
 from typing import Any

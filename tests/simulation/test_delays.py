@@ -1,6 +1,6 @@
 """Models with delays: exact solutions, jumps that come back, what is asked of users, refusals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import factorial
 from typing import Any
@@ -22,17 +22,17 @@ from wormopt.simulation.periodic import periodic_orbit
 from wormopt.simulation.simulate import simulate
 
 
-def retarded(lag: float = 1.0, start: float = 1.0) -> Model:
+def retarded(lag: float | ca.SX = 1.0, start: float = 1.0, p: Sequence[Signal] = ()) -> Model:
     """x' = -x(t - lag), and x = start before."""
     x, past = ca.SX.sym("x"), ca.SX.sym("past")
-    return Model(
-        "lagging", [Signal("x", x, value=start)], -past, delays=[Delay("past", past, x, lag)]
-    )
+    delays = [Delay("past", past, x, lag)]
+    return Model("lagging", [Signal("x", x, value=start)], -past, p=p, delays=delays)
 
 
-def by_steps(t: float) -> float:
-    """x' = -x(t - 1), x = 1 before 0: a polynomial of degree n + 1 on n <= t <= n + 1."""
-    return sum((-1) ** k * (t - k + 1) ** k / factorial(k) for k in range(int(t) + 2))
+def by_steps(t: float, lag: float = 1.0) -> float:
+    """x' = -x(t - h), x = 1 before 0: of degree n + 1 from n h to (n + 1) h."""
+    s = t / lag
+    return sum((-lag) ** k * (s - k + 1) ** k / factorial(k) for k in range(int(s) + 2))
 
 
 def test_the_simplest_delay_equation_against_its_polynomials(route: Route):
@@ -84,23 +84,11 @@ def test_an_exponential_that_two_delays_and_a_given_past_keep(
 
 
 def test_a_lag_is_a_parameter_that_needs_no_new_model():
-    x, past, h = ca.SX.sym("x"), ca.SX.sym("past"), ca.SX.sym("h")
-    lagging = Model(
-        "lagging",
-        [Signal("x", x, value=1.0)],
-        -past,
-        p=[Signal("lag", h, "time", value=1.0)],
-        delays=[Delay("past", past, x, h)],
-    )
-
-    # in units of the lag x' = -h x(t - 1): powers of h in the polynomials
-    def exact(t: float, lag: float) -> float:
-        s = t / lag
-        return sum((-lag) ** k * (s - k + 1) ** k / factorial(k) for k in range(int(s) + 2))
-
+    h = ca.SX.sym("h")
+    lagging = retarded(h, p=[Signal("lag", h, "time", value=1.0)])
     for lag in (1.0, 0.3):
         found = simulate(lagging, 2.2, p={"lag": lag})
-        assert found.end[0] == pytest.approx(exact(2.2, lag), abs=1e-10)
+        assert found.end[0] == pytest.approx(by_steps(2.2, lag), abs=1e-10)
     with pytest.raises(ArgumentError, match="lag of past must be positive and finite, not -1"):
         simulate(lagging, 2.2, p={"lag": -1.0})
 
@@ -290,10 +278,7 @@ def test_an_optimisation_refuses_delays():
     model = retarded()
     ends = wo.Ends.of(model)
     problem = wo.Problem(model=model, ends=ends, minimise=ends.duration, duration=(0.1, 1.0))
-    mesh, guess = (
-        wo.Mesh.even(1, 4, wo.Collocation(2)),
-        wo.Guess(1.0, lambda t: np.ones((1, len(t)))),
-    )
+    mesh, guess = wo.Mesh.even(1, 4, wo.Collocation(2)), wo.Guess(1.0, lambda t: 1 + 0 * t[None])
     with pytest.raises(ArgumentError, match="optimisation does not support delays"):
         wo.optimise(problem, mesh, wo.FixedModes(wo.ModeSequence(((),))), guess)
 

@@ -198,13 +198,8 @@ def test_limits_of_the_force_hold_in_every_motion():
     ("change", "key"),
     [
         (["predictive.horizon=0.001"], "predictive.horizon"),
-        (["predictive.horizon=0"], "predictive.horizon"),
-        (["predictive.horizon=nan"], "predictive.horizon"),
         (["predictive.period=1e-5"], "predictive.period"),
         (["predictive.period=2.5", "predictive.horizon=5"], "predictive.period"),
-        (["predictive.steps=0"], "predictive.steps"),
-        (["predictive.v_reg=0"], "predictive.v_reg"),
-        (["predictive.force=-1"], "predictive.force"),
         (["units='SI'", "predictive.seconds=0.5"], "predictive.seconds"),
         (["estimation.parameters=[]"], "estimation.parameters"),
         (["estimation.parameters=['mass','mass']"], "estimation.parameters"),
