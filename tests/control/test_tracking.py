@@ -125,13 +125,9 @@ def test_the_force_of_a_tracker_at_a_point(seed: int, feedback: Feedback):
     gait = Gait(np.array([0.0, 1.0]), np.stack([a, b], axis=1)[None])
     believed = FeedForward(stiffness=[8.0, 9.0, 11.0], rest_length=1.9, damping=4.0)
     loop = lambda_tracker(
-        plant,
-        gait_reference(gait, plant.t),
-        tube_radius=0.3,
-        feedback=feedback,
-        adaptation=Quadratic(growth=2.5),
-        feedforward=believed,
-    )
+        plant, gait_reference(gait, plant.t), tube_radius=0.3, feedback=feedback,
+        adaptation=Quadratic(growth=2.5), feedforward=believed,
+    )  # fmt: skip
     x = {"position": random.uniform(-3, 3, 4), "velocity": random.uniform(-1, 1, 4)}
     x |= {"gain": random.uniform(0, 5, 1), "filter": random.uniform(-1, 1, 3)}
     at = point(loop, x, [a, b])

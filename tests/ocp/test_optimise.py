@@ -38,7 +38,10 @@ BRAKE = Guess(0.8, lambda t: np.vstack([t * (1 - t / 0.8) ** 2, (1 - t / 0.8) * 
 
 
 def slide(
-    start: tuple[float, float] = (0.0, 0.0), end: float = 1.0, model: Model = BLOCK, size: float = 1.0
+    start: tuple[float, float] = (0.0, 0.0),
+    end: float = 1.0,
+    model: Model = BLOCK,
+    size: float = 1.0,
 ) -> Problem:
     """Shortest time, times a size."""
     ends = Ends.of(model)

@@ -116,20 +116,19 @@ def test_linearised_arcs_are_derivatives_of_solved_ones(k: int):
         assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(by_p.end[0, :, j], abs=1e-7)
 
 
-MODEL, EVEN = block(), Mesh.even(1, 4, RADAU)
-ENDS = Ends.of(MODEL, 1)
+TASK, EVEN = problem_of(block(), 2.0), Mesh.even(1, 4, RADAU)
 
 
 @pytest.mark.parametrize(
     ("change", "mesh", "contact", "said"),
     [
         (
-            {"path_constraints": [Constraint("way", MODEL["position"], 0, 1)]},
+            {"path_constraints": [Constraint("way", TASK.model["position"], 0, 1)]},
             EVEN,
             Regularised(0.1),
             "no limits along the way",
         ),
-        ({"minimise": ENDS.end[0] ** 2}, EVEN, Regularised(0.1), "weighted sum of integrals"),
+        ({"minimise": TASK.ends.end[0] ** 2}, EVEN, Regularised(0.1), "weighted sum of integrals"),
         ({}, Mesh(1, 4, RADAU), Regularised(0.1), "mesh with shares"),
         ({"duration": (1.0, 2.0)}, EVEN, Regularised(0.1), "given duration"),
         ({}, EVEN, Complementarity(0.1), "smooth contact"),
@@ -139,13 +138,8 @@ ENDS = Ends.of(MODEL, 1)
 def test_stages_refuse_what_they_cannot_hold(
     change: dict[str, Any], mesh: Mesh, contact: Any, said: str
 ):
-    problem = replace(problem_of(MODEL, 2.0), ends=ENDS, minimise=ENDS.integrals[0])
-    problem = replace(problem, boundary_constraints=(), **change)
     with pytest.raises(ArgumentError, match=said):
-        Stages(Transcription(problem, mesh, contact))
-
-
-
+        Stages(Transcription(replace(TASK, **change), mesh, contact))
 
 
 # -- quadratic programs ----------------------------------------------------------------------------

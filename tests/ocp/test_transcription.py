@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wormopt.model.friction import Coulomb
-from wormopt.model.model import Contact, Model, Signal
+from wormopt.model.model import Model, Signal
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.defects import finer
@@ -20,9 +20,6 @@ from wormopt.systems.block.block import block
 
 ROOT_ONE_AND_A_HALF = 1.224744871391589
 BLOCK = block(Coulomb(1.0, 2.0), force=3.0)
-
-
-
 
 
 def fastest(model: Model, start: tuple[float, ...], end: tuple[float, float]) -> Problem:

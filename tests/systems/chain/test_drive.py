@@ -28,16 +28,9 @@ CUBICS = Gait(
 
 def worm() -> Model:
     return chain(
-        2,
-        mass=MASS,
-        stiffness=STIFFNESS,
-        damping=DAMPING,
-        rest_length=REST,
-        law=Coulomb(1.0, 10.0),
-        drag=DRAG,
-        load=LOAD,
-        velocity=[0.3, -0.1, 0.2],
-    )
+        2, mass=MASS, stiffness=STIFFNESS, damping=DAMPING, rest_length=REST,
+        law=Coulomb(1.0, 10.0), drag=DRAG, load=LOAD, velocity=[0.3, -0.1, 0.2],
+    )  # fmt: skip
 
 
 def course_by_hand(t: float, breaks: np.ndarray, periodic: bool) -> np.ndarray:

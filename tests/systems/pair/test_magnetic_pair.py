@@ -1,6 +1,5 @@
 """The magneto-elastic pair: (19), exact motions, orders of averaging; scenes of its kinds."""
 
-import json
 import math
 from functools import cache
 from pathlib import Path
@@ -13,7 +12,6 @@ from outcomes import run_text, told_by_a_run, value
 import wormopt as wo
 from wormopt.analysis.average import average
 from wormopt.analysis.steady import Rates, steady_states
-from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.numerics.newton import newton
@@ -168,13 +166,7 @@ def test_pairs_that_cannot_be_are_refused(change, message: str):
 # -- kind magnetic-pair ----------------------------------------------------------------------------
 
 
-
-
-
 UNCHECKED = "tolerance.recheck=false"
-
-
-
 
 
 @pytest.mark.slow
