@@ -28,13 +28,10 @@ def wheel() -> wo.Model:
         wo.Signal("phi", phi, "angle", value=0.0),
         wo.Signal("spin", spin, "angular_frequency", value=0.0),
     ]
-    return wo.Model(
-        "wheel",
-        states,
-        ca.vertcat(spin, (torque - C * phi - D * spin) / J),
-        u=[wo.Signal("volt", volt, value=0.0), wo.Signal("torque", torque)],
-        outputs=[wo.Output("tip", 3 * phi, "length"), wo.Output("glow", volt)],
-    )
+    ode = ca.vertcat(spin, (torque - C * phi - D * spin) / J)
+    inputs = [wo.Signal("volt", volt, value=0.0), wo.Signal("torque", torque)]
+    outputs = [wo.Output("tip", 3 * phi, "length"), wo.Output("glow", volt)]
+    return wo.Model("wheel", states, ode, u=inputs, outputs=outputs)
 
 
 NAMES = {"output": "phi", "input": "torque"}

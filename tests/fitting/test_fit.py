@@ -312,12 +312,8 @@ def test_more_numbers_than_readings_are_refused():
 def test_a_start_that_cannot_be_simulated_says_why():
     x = ca.SX.sym("x")
     rate = ca.SX.sym("rate")
-    model = wo.Model(
-        "explosion",
-        [wo.Signal("x", x, value=1.0)],
-        rate * x**2,
-        p=[wo.Signal("rate", rate, value=9.0)],
-    )
+    numbers = [wo.Signal("rate", rate, value=9.0)]
+    model = wo.Model("explosion", [wo.Signal("x", x, value=1.0)], rate * x**2, p=numbers)
     run = wo.Recording([0.0, 0.5, 1.0], {"x": [1.0, 1.1, 1.3]})
     task = wo.FitTask(model, [run], [wo.Unknown("rate")])
     with pytest.raises(wo.SolveError, match="no start of the fit could be simulated"):

@@ -358,12 +358,8 @@ def test_an_optimal_motion_answers_by_name_as_its_simulation_does():
 def ball(**limits) -> Problem:
     """A ball thrown up: as long as it may fly, from the ground back to it."""
     y, v, u = (ca.SX.sym(name) for name in "yvu")
-    model = Model(
-        "ball",
-        x=[Signal("height", y, **limits), Signal("speed", v)],
-        ode=ca.vertcat(v, u - 1),
-        u=[Signal("gust", u, lower=0.0, upper=0.1)],
-    )
+    states = [Signal("height", y, **limits), Signal("speed", v)]
+    model = Model("ball", states, ca.vertcat(v, u - 1), u=[Signal("gust", u, lower=0.0, upper=0.1)])
     ends = Ends.of(model)
     ground = [Constraint("start", ends.start[0], 0, 0), Constraint("end", ends.end[0], 0, 0)]
     return Problem(model, ends, -ends.duration, (0.1, 10.0), boundary_constraints=ground)

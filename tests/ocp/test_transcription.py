@@ -80,12 +80,8 @@ def oscillator(scheme, degree: int, arcs: int) -> float:
     the cost is half of x_f' G^{-1} x_f.
     """
     x, v, u = (ca.SX.sym(name) for name in "xvu")
-    model = Model(
-        "oscillator",
-        x=[Signal("position", x), Signal("velocity", v)],
-        ode=ca.vertcat(v, u - x),
-        u=[Signal("drive", u)],
-    )
+    states = [Signal("position", x), Signal("velocity", v)]
+    model = Model("oscillator", states, ca.vertcat(v, u - x), u=[Signal("drive", u)])
     ends = Ends.of(model, 1)
     problem = Problem(
         model,
@@ -121,12 +117,8 @@ def test_the_optimum_converges_at_the_order_of_the_scheme(scheme, order, most):
 def test_bounds_hold_inside_arcs_not_only_at_nodes():
     """A ball thrown up under a ceiling: with one arc the peak lies between all nodes."""
     y, v, u = (ca.SX.sym(name) for name in "yvu")
-    model = Model(
-        "ball",
-        x=[Signal("height", y), Signal("speed", v)],
-        ode=ca.vertcat(v, u - 1),
-        u=[Signal("gust", u, lower=0.0, upper=0.1)],
-    )
+    states = [Signal("height", y), Signal("speed", v)]
+    model = Model("ball", states, ca.vertcat(v, u - 1), u=[Signal("gust", u, lower=0.0, upper=0.1)])
     ends = Ends.of(model)
     problem = Problem(
         model,
@@ -474,15 +466,8 @@ def test_wrong_number_of_phases_is_refused():
 def test_a_model_may_depend_on_time_and_have_algebraic_equations():
     """x' = z with z = cos(2 t): the end is sin(2 T)/2 whatever the input does."""
     x, t, z, u = (ca.SX.sym(name) for name in ("x", "t", "z", "u"))
-    model = Model(
-        "clock",
-        x=[Signal("x", x)],
-        ode=z,
-        t=t,
-        z=[Signal("z", z)],
-        alg=z - ca.cos(2 * t),
-        u=[Signal("u", u)],
-    )
+    states, alg = [Signal("x", x)], z - ca.cos(2 * t)
+    model = Model("clock", states, z, t=t, z=[Signal("z", z)], alg=alg, u=[Signal("u", u)])
     ends = Ends.of(model, 1)
     problem = Problem(
         model,

@@ -360,13 +360,9 @@ def test_what_can_bear_no_more_at_one_instant_lets_go_at_that_instant(route: Rou
     """Forty blocks of random friction, each pushed with all of it in one second."""
     t, v, f = ca.SX.sym("t"), ca.SX.sym("v", 40), ca.SX.sym("f", 40)
     held = np.random.default_rng(0).uniform(0.1, 10.0, 40)
-    model = Model(
-        "blocks",
-        x=[Signal("v", v, value=0.0)],
-        ode=ca.DM(held) * t + f,
-        t=t,
-        contacts=[Contact(f"block {i}", v[i], f[i], Coulomb(h, h)) for i, h in enumerate(held)],
-    )
+    states = [Signal("v", v, value=0.0)]
+    contacts = [Contact(f"block {i}", v[i], f[i], Coulomb(h, h)) for i, h in enumerate(held)]
+    model = Model("blocks", states, ca.DM(held) * t + f, t=t, contacts=contacts)
     motion = simulate(model, 3.0, route=route, tolerance=Tolerance(max_step=np.inf))
     times = np.array([event.time for event in motion.events])
     assert times == pytest.approx(np.ones(len(times)), abs=1e-12)
@@ -384,14 +380,9 @@ def braked(sign: float) -> Model:
     """A block pushed by 1 + 2 (t - still) over ground that resists with 1, times `sign`."""
     t, v, f, still = (ca.SX.sym(name) for name in ("t", "v", "f", "still"))
     size = abs(sign)
-    return Model(
-        "braked",
-        x=[Signal("v", v, value=0.0)],
-        ode=sign * (1 + 2 * (t - still)) + f,
-        t=t,
-        p=[Signal("still", still, value=1.0)],
-        contacts=[Contact("block", v, f, Coulomb(size, size), nominal_speed=size)],
-    )
+    ode, numbers = sign * (1 + 2 * (t - still)) + f, [Signal("still", still, value=1.0)]
+    contacts = [Contact("block", v, f, Coulomb(size, size), nominal_speed=size)]
+    return Model("braked", [Signal("v", v, value=0.0)], ode, t=t, p=numbers, contacts=contacts)
 
 
 def passed(sign: float, start: float, still: float, route: Route) -> Trajectory:
@@ -455,14 +446,10 @@ def test_stops_of_what_is_no_state_are_not_passed_over(route: Route, sign: float
     Where steps end is chance, so that it starts with many speeds.
     """
     t, v, y, f, belt = (ca.SX.sym(name) for name in ("t", "v", "y", "f", "belt"))
-    model = Model(
-        "on a belt",
-        x=[Signal("v", v), Signal("y", y, value=100.0)],
-        ode=ca.vertcat(sign * (1 + 2 * (t - 5.0)) + f, 0),
-        t=t,
-        p=[Signal("belt", belt, value=0.0)],
-        contacts=[Contact("block", v - belt, f, Coulomb(1.0, 1.0))],
-    )
+    states = [Signal("v", v), Signal("y", y, value=100.0)]
+    ode, numbers = ca.vertcat(sign * (1 + 2 * (t - 5.0)) + f, 0), [Signal("belt", belt, value=0.0)]
+    contacts = [Contact("block", v - belt, f, Coulomb(1.0, 1.0))]
+    model = Model("on a belt", states, ode, t=t, p=numbers, contacts=contacts)
     passed = np.geomspace(3e-5, *((1e-2, 120) if route == "native" else (2e-3, 3)))
     blocks = simulate_ensemble(
         model, 10.0, [Scenario(x0={"v": sign * (25.0 - least)}) for least in passed],
@@ -509,12 +496,9 @@ def test_contacts_that_share_a_load_give_way_however_much_they_hold_backward(
     """Two contacts on one velocity slide where the push exceeds the sum of their limits."""
     x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f", 2)
     law = Coulomb(0.25, holds) if push > 0 else Coulomb(holds, 0.25)
-    block = Model(
-        "block",
-        x=[Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
-        ode=ca.vertcat(v, push + f[0] + f[1]),
-        contacts=[Contact(f"sole {i}", v, f[i], law) for i in range(2)],
-    )
+    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)]
+    contacts = [Contact(f"sole {i}", v, f[i], law) for i in range(2)]
+    block = Model("block", states, ca.vertcat(v, push + f[0] + f[1]), contacts=contacts)
     motion = simulate(block, 2.0, route="python")
     excess = np.sign(push) * max(abs(push) - 0.5, 0.0)
     np.testing.assert_allclose(motion.end, [2 * excess, 2 * excess], rtol=1e-9, atol=1e-15)
@@ -525,13 +509,10 @@ def test_three_contacts_that_only_move_forward_share_the_load_on_two_masses():
     x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 3)
     rows = ca.DM([[1, 0], [0, 1], [1, 1]])
     push = ca.SX.sym("push")
-    worm = Model(
-        "two masses",
-        x=[Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
-        ode=ca.vertcat(v, ca.vertcat(push, 0) + rows.T @ f),
-        p=[Signal("push", push, value=0.59)],
-        contacts=[Contact(f"{i}", rows[i, :] @ v, f[i], Coulomb(0.3, 1e9)) for i in range(3)],
-    )
+    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)]
+    ode = ca.vertcat(v, ca.vertcat(push, 0) + rows.T @ f)
+    contacts = [Contact(f"{i}", rows[i, :] @ v, f[i], Coulomb(0.3, 1e9)) for i in range(3)]
+    worm = Model("two masses", states, ode, p=[Signal("push", push, value=0.59)], contacts=contacts)
     assert not simulate(worm, 1.0, route="python").end.any()
     moved = simulate(worm, 1.0, p={"push": 0.7}, route="python").end
     np.testing.assert_allclose(moved, [0.05, 0.0, 0.1, 0.0], atol=1e-12)

@@ -42,15 +42,10 @@ def kinds(motion: Trajectory) -> list[tuple[str, str]]:
 def kicked(law: Any, nominal: float, pushed: float = 0.0) -> Model:
     """A block whose velocity is set at t = 1/2."""
     t, v, f, to = (ca.SX.sym(name) for name in ("t", "v", "f", "to"))
-    return Model(
-        "kicked",
-        [Signal("v", v, value=0.0)],
-        f + pushed,
-        t=t,
-        p=[Signal("to", to, value=0.0)],
-        contacts=[Contact("block", v, f, law, nominal_speed=nominal)],
-        switches=[Switch("kick", t - 0.5, to)],
-    )
+    states, numbers = [Signal("v", v, value=0.0)], [Signal("to", to, value=0.0)]
+    contacts = [Contact("block", v, f, law, nominal_speed=nominal)]
+    switches = [Switch("kick", t - 0.5, to)]
+    return Model("kicked", states, f + pushed, t=t, p=numbers, contacts=contacts, switches=switches)
 
 
 @pytest.mark.parametrize("nominal", [1e-3, 10.0])
@@ -211,15 +206,9 @@ def test_a_mirrored_sled_is_the_mirror_of_a_sled(order: int, route: Route):
     G = np.array([[2.0, 0.8, 0.3], [0.8, 1.0, 0.2], [0.3, 0.2, 1.5]])
     laws = [Coulomb(0.5, 0.5), NoSlip(), Coulomb(0.3, 0.3)]
     grounds = [Contact(f"ground {i}", v[i], f[i], law) for i, law in enumerate(laws)]
-    sled = Model(
-        "sled",
-        [Signal("v", v, value=0.0)],
-        ca.DM(G) @ f,
-        t=t,
-        p=[Signal("kick", kick, value=0.0)],
-        contacts=grounds[::order],
-        switches=[Switch("kick", t - 0.5, v + kick)],
-    )
+    states, numbers = [Signal("v", v, value=0.0)], [Signal("kick", kick, value=0.0)]
+    contacts, switches = grounds[::order], [Switch("kick", t - 0.5, v + kick)]
+    sled = Model("sled", states, ca.DM(G) @ f, t=t, p=numbers, contacts=contacts, switches=switches)
     start, by = np.array([1.0, 0.0, 2.0]), np.array([0.0, 0.3, 0.0])
     one, other = (
         simulate(sled, 3.0, x0={"v": sign * start}, p={"kick": sign * by}, route=route)
@@ -314,14 +303,10 @@ def test_what_begins_to_slip_goes_on_when_something_else_happens(joined: bool, r
 def test_a_load_that_jumps_to_what_friction_holds_lets_nothing_go(above: float, route: Route):
     """To the last digits, in which the force it takes may be out of bounds."""
     t, v, load, f = (ca.SX.sym(name) for name in ("t", "v", "load", "f"))
-    model = Model(
-        "loaded",
-        [Signal("v", v, value=0.0), Signal("load", load, value=0.1)],
-        ca.vertcat(f + load, 0),
-        t=t,
-        contacts=[Contact("block", v, f, Coulomb(0.3, 0.3))],
-        switches=[Switch("more", t - 0.5, ca.vertcat(v, 0.3 + above))],
-    )
+    states = [Signal("v", v, value=0.0), Signal("load", load, value=0.1)]
+    ode, contacts = ca.vertcat(f + load, 0), [Contact("block", v, f, Coulomb(0.3, 0.3))]
+    switches = [Switch("more", t - 0.5, ca.vertcat(v, 0.3 + above))]
+    model = Model("loaded", states, ode, t=t, contacts=contacts, switches=switches)
     motion = simulate(model, 1.0, route=route)
     assert kinds(motion) == [("more", "switch")]
     assert motion.end[0] == 0.0
@@ -358,15 +343,10 @@ def test_switches_are_told_by_their_names_and_derivatives_go_through_each(route:
 def test_an_impulse_changes_with_what_carries_it(law: Any, route: Route):
     """Struck backward, a contact pushes what it is joined to by `share` of its own velocity."""
     t, v, w, f, share = (ca.SX.sym(name) for name in ("t", "v", "w", "f", "share"))
-    model = Model(
-        "joined",
-        [Signal("v", v, value=0.0), Signal("w", w, value=0.0)],
-        ca.vertcat(f, share * f),
-        t=t,
-        p=[Signal("share", share, value=0.4)],
-        contacts=[Contact("end", v, f, law)],
-        switches=[Switch("kick", t - 0.5, ca.vertcat(v - 3.0, w))],
-    )
+    states, ode = [Signal("v", v, value=0.0), Signal("w", w, value=0.0)], ca.vertcat(f, share * f)
+    numbers, contacts = [Signal("share", share, value=0.4)], [Contact("end", v, f, law)]
+    switches = [Switch("kick", t - 0.5, ca.vertcat(v - 3.0, w))]
+    model = Model("joined", states, ode, t=t, p=numbers, contacts=contacts, switches=switches)
     motion = simulate(model, 1.0, sensitivities=["share"], route=route)
     assert kinds(motion) == [("kick", "switch"), ("end", "impact")]
     assert motion.end == pytest.approx([0.0, 1.2], abs=1e-13)
@@ -377,14 +357,11 @@ def test_an_impulse_changes_with_what_carries_it(law: Any, route: Route):
 def test_what_is_held_stops_by_its_own_impulse_whatever_rests_beside_it(share: float, route: Route):
     """Its impulse of 3 moves the block that it is joined to, which friction of 1/2 then slows."""
     t, v, w, f, g = (ca.SX.sym(name) for name in ("t", "v", "w", "f", "g"))
-    model = Model(
-        "joined",
-        [Signal("v", v, value=0.0), Signal("w", w, value=0.0)],
-        ca.vertcat(f + share * g, share * f + g),
-        t=t,
-        contacts=[Contact("rail", v, f, NoSlip()), Contact("block", w, g, Coulomb(0.5, 0.5))],
-        switches=[Switch("kick", t - 0.5, ca.vertcat(v - 3.0, w))],
-    )
+    states = [Signal("v", v, value=0.0), Signal("w", w, value=0.0)]
+    ode = ca.vertcat(f + share * g, share * f + g)
+    contacts = [Contact("rail", v, f, NoSlip()), Contact("block", w, g, Coulomb(0.5, 0.5))]
+    switches = [Switch("kick", t - 0.5, ca.vertcat(v - 3.0, w))]
+    model = Model("joined", states, ode, t=t, contacts=contacts, switches=switches)
     motion = simulate(model, 1.0, route=route)
     assert ("rail", "impact") in kinds(motion)
     slowed = 0.5 * (1 - share**2) * 0.5  # the rail takes a part of it

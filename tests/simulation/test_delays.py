@@ -66,16 +66,10 @@ def test_an_exponential_that_two_delays_and_a_given_past_keep(
     x, t, p = ca.SX.sym("x"), ca.SX.sym("t"), ca.SX.sym("p", 3)
     past = [ca.SX.sym(f"past_{k}") for k in range(2)]
     own = rate - sum(w * np.exp(-rate * h) for w, h in zip(weights, lags, strict=True))
-    lagging = Model(
-        "two lags",
-        [Signal("x", x, value=1.0)],
-        own * x + weights[0] * past[0] + weights[1] * past[1],
-        t=t,
-        p=[Signal("numbers", p, value=(rate, *lags))],
-        delays=[
-            Delay(f"past_{k}", past[k], x, p[1 + k], before=ca.exp(p[0] * t)) for k in range(2)
-        ],
-    )
+    ode = own * x + weights[0] * past[0] + weights[1] * past[1]
+    numbers = [Signal("numbers", p, value=(rate, *lags))]
+    delays = [Delay(f"past_{k}", past[k], x, p[1 + k], before=ca.exp(p[0] * t)) for k in range(2)]
+    lagging = Model("two lags", [Signal("x", x, value=1.0)], ode, t=t, p=numbers, delays=delays)
     motion = simulate(lagging, (0.0, 3.0), route="python")
     # what errors may have grown by: the comparison equation y' = sum of sizes times y
     growth = np.exp(3.0 * (abs(own) + abs(weights[0]) + abs(weights[1])))
@@ -97,13 +91,9 @@ def test_a_lag_is_a_parameter_that_needs_no_new_model():
 def test_jumps_come_back_after_the_lag(route: Route, lag: float):
     """A sawtooth s that falls from 1 to 0, and y' = s(t - lag), whose integral is known."""
     s, y, past = ca.SX.sym("s"), ca.SX.sym("y"), ca.SX.sym("past")
-    saw = Model(
-        "saw",
-        [Signal("s", s, value=0.0), Signal("y", y, value=0.0)],
-        ca.vertcat(1, past),
-        switches=[Switch("falls", s - 1, ca.vertcat(0, y))],
-        delays=[Delay("past", past, s, lag)],
-    )
+    states = [Signal("s", s, value=0.0), Signal("y", y, value=0.0)]
+    switches, delays = [Switch("falls", s - 1, ca.vertcat(0, y))], [Delay("past", past, s, lag)]
+    saw = Model("saw", states, ca.vertcat(1, past), switches=switches, delays=delays)
     t = np.linspace(0, 4.75, 96)
     motion = simulate(saw, 4.75, times=t, route=route)
     since = np.maximum(t - lag, 0.0)
@@ -137,13 +127,8 @@ def test_breaks_of_schedules_come_back_too():
     course = wo.Schedule(
         "a", a, begin, np.array([0.0, 1.0, 1.7, 3.0]), np.array([[1.0], [-2], [5]])
     )
-    cart = Model(
-        "cart",
-        [Signal("v", v, value=0.0)],
-        past,
-        schedules=[course],
-        delays=[Delay("past", past, a * 1.0, 0.45)],
-    )
+    delays = [Delay("past", past, a * 1.0, 0.45)]
+    cart = Model("cart", [Signal("v", v, value=0.0)], past, schedules=[course], delays=delays)
     t = np.linspace(0, 3, 61)
     held = 0.45  # the acceleration at the start, before
     found = simulate(cart, 3.0, times=t)["v"][0]
@@ -156,13 +141,10 @@ def test_breaks_of_schedules_come_back_too():
 def test_smooth_contact_and_a_later_start():
     """A block pulled to where it was: m x'' = -(x(t - h)) - F(v); twice, from 0 and from 7."""
     x, v, f, past = (ca.SX.sym(n) for n in ("x", "v", "f", "past"))
-    block = Model(
-        "block",
-        [Signal("x", x, value=1.0), Signal("v", v, value=0.0)],
-        ca.vertcat(v, f - 9 * past),
-        contacts=[Contact("block", v, f, wo.Coulomb(1.0, 2.0))],
-        delays=[Delay("past", past, x, 0.05)],
-    )
+    states = [Signal("x", x, value=1.0), Signal("v", v, value=0.0)]
+    contacts = [Contact("block", v, f, wo.Coulomb(1.0, 2.0))]
+    delays = [Delay("past", past, x, 0.05)]
+    block = Model("block", states, ca.vertcat(v, f - 9 * past), contacts=contacts, delays=delays)
     ends = [
         simulate(block, span, contact=contact).end
         for span in ((0.0, 2.0), (7.0, 9.0))

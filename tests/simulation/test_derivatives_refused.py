@@ -135,13 +135,10 @@ def test_two_events_at_once_are_told_where_their_order_counts(way: float, route:
     """Two masses on a stiff joint stop together; moved alike they go on doing so."""
     t, x, v, f = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
     inertia = ca.DM([[2.0, 0.5], [0.5, 2.0]])
-    model = Model(
-        "twins",
-        [Signal("position", x, value=0.0), Signal("velocity", v, value=way)],
-        ca.vertcat(v, ca.solve(ca.SX(inertia), f)),
-        t=t,
-        contacts=[Contact(f"twin {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in (0, 1)],
-    )
+    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=way)]
+    ode = ca.vertcat(v, ca.solve(ca.SX(inertia), f))
+    contacts = [Contact(f"twin {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in (0, 1)]
+    model = Model("twins", states, ode, t=t, contacts=contacts)
     one = simulate(model, 4.0, sensitivities=["velocity[0]"], route=route)
     assert {d.reason for d in one.nonsmooth_events} == {"simultaneous"}
     assert one.nonsmooth_events[0].event in one.events

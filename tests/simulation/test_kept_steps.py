@@ -74,13 +74,8 @@ def test_largest_values_and_pictures_are_those_of_the_steps(route: Route):
 
 def test_states_at_events_are_those_behind_them_and_so_are_modes(route: Route):
     up = Switch("kick", t - 1, ca.vertcat(x, 5))
-    model = Model(
-        "kicked",
-        x=[Signal("x", x, value=0.0), Signal("v", v, value=0.0)],
-        ode=ca.vertcat(v, 0),
-        t=t,
-        switches=[up],
-    )
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
+    model = Model("kicked", states, ca.vertcat(v, 0), t=t, switches=[up])
     motion = simulate(model, 2.0, route=route)
     assert motion["v"][0] == pytest.approx(np.where(motion.time < motion.events[0].time, 0, 5))
     assert motion["x"][0, -1] == pytest.approx(5.0)

@@ -55,14 +55,9 @@ def test_so_it_has_in_any_direction_and_unit(route: Route, seed: int, unit: floa
 
 def test_what_is_set_to_rest_on_its_way_goes_on_with_its_derivative(route: Route):
     x, t, rate = ca.SX.sym("x", 2), ca.SX.sym("t"), ca.SX.sym("rate")
-    model = Model(
-        "fall",
-        x=[Signal("v", x, value=0.0)],
-        ode=rate * (ca.vertcat(1, 0) - x * ca.norm_2(x)),
-        t=t,
-        p=[Signal("rate", rate, value=1.0)],
-        switches=[Switch("caught", t - 1, 0 * x)],
-    )
+    ode, numbers = rate * (ca.vertcat(1, 0) - x * ca.norm_2(x)), [Signal("rate", rate, value=1.0)]
+    switches = [Switch("caught", t - 1, 0 * x)]
+    model = Model("fall", [Signal("v", x, value=0.0)], ode, t=t, p=numbers, switches=switches)
     motion = simulate(model, 2.0, sensitivities=["rate"], route=route)
     assert motion.end_derivative[:, 0] == pytest.approx([1 / np.cosh(1.0) ** 2, 0], abs=1e-9)
 

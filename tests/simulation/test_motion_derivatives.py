@@ -399,14 +399,10 @@ def test_contacts_that_act_on_each_other_agree_with_differences():
     f, m = ca.SX.sym("f", 2), ca.SX.sym("m")
     inertia = ca.vertcat(ca.horzcat(2 + m, m), ca.horzcat(m, 1 + m))
     pull = 3 * ca.vertcat(ca.sin(2 * t), ca.cos(3 * t)) - 2 * x
-    model = Model(
-        "joined",
-        [Signal("position", x, value=0.0), Signal("velocity", v, value=[1.0, -0.5])],
-        ca.vertcat(v, ca.solve(inertia, f + pull)),
-        t=t,
-        p=[Signal("shared", m, value=0.4)],
-        contacts=[Contact(f"runner {i}", v[i], f[i], Coulomb(0.7, 1.1, 0.9, 1.5)) for i in (0, 1)],
-    )
+    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=[1.0, -0.5])]
+    ode = ca.vertcat(v, ca.solve(inertia, f + pull))
+    contacts = [Contact(f"runner {i}", v[i], f[i], Coulomb(0.7, 1.1, 0.9, 1.5)) for i in (0, 1)]
+    model = Model("joined", states, ode, t=t, p=[Signal("shared", m, value=0.4)], contacts=contacts)
     labels = ["shared", "velocity[1]", "position[0]"]
     found = [
         simulate(model, 6.0, times=[0.0, 6.0], sensitivities=labels, route=r)

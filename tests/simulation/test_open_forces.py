@@ -304,13 +304,10 @@ def _legs(angles: tuple[float, ...], law: Coulomb) -> Model:
     """Feet on a wheel of unit radius and inertia, each moving along the ground by its cosine."""
     f, pull = ca.SX.sym("f", len(angles)), ca.SX.sym("pull")
     arms = [ca.cos(x + angle) for angle in angles]
-    return Model(
-        "legs",
-        x=[Signal("x", x, value=0.0), Signal("v", v, value=0.0)],
-        ode=ca.vertcat(v, ca.dot(ca.vertcat(*arms), f) + pull),
-        p=[Signal("pull", pull, value=0.0)],
-        contacts=[Contact(f"foot {i}", a * v, f[i], law) for i, a in enumerate(arms)],
-    )
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
+    ode = ca.vertcat(v, ca.dot(ca.vertcat(*arms), f) + pull)
+    contacts = [Contact(f"foot {i}", a * v, f[i], law) for i, a in enumerate(arms)]
+    return Model("legs", states, ode, p=[Signal("pull", pull, value=0.0)], contacts=contacts)
 
 
 @pytest.mark.parametrize("angles", [(0.0,), (0.0, 1.0)])

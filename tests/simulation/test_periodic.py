@@ -199,13 +199,8 @@ def test_the_mean_speed_is_a_force_over_a_frequency():
 
 def test_what_only_goes_on_has_a_multiplier_of_one():
     x, t, k = ca.SX.sym("x"), ca.SX.sym("t"), ca.SX.sym("k")
-    model = Model(
-        "slow",
-        x=[Signal("place", x)],
-        ode=ca.cos(t) - k * x,
-        t=t,
-        p=[Signal("fading", k, value=1e-9)],
-    )
+    numbers = [Signal("fading", k, value=1e-9)]
+    model = Model("slow", [Signal("place", x)], ca.cos(t) - k * x, t=t, p=numbers)
     orbit = periodic_orbit(model, 2 * np.pi)
     assert orbit.multipliers == pytest.approx(1.0, abs=1e-8)
     with pytest.raises(SolveError, match="a multiplier is 1") as caught:

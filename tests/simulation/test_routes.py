@@ -188,13 +188,10 @@ def test_a_velocity_that_is_no_state_drifts_at_rest_without_harm(route: Route):
     x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
     y, w = ca.SX.sym("y"), ca.SX.sym("w")
     skew = 1.5 + ca.cos(x) + 0.5 * ca.sin(y)
-    model = Model(
-        "cam",
-        x=[Signal(n, s, value=0.0) for n, s in (("x", x), ("v", v), ("y", y), ("w", w))],
-        ode=ca.vertcat(v, skew * f + 3 * ca.sin(t), w, ca.cos(1.7 * t) - y - 0.4 * f),
-        t=t,
-        contacts=[Contact("tip", skew * v - 0.4 * w, f, Coulomb(0.4, 0.8))],
-    )
+    states = [Signal(n, s, value=0.0) for n, s in (("x", x), ("v", v), ("y", y), ("w", w))]
+    ode = ca.vertcat(v, skew * f + 3 * ca.sin(t), w, ca.cos(1.7 * t) - y - 0.4 * f)
+    contacts = [Contact("tip", skew * v - 0.4 * w, f, Coulomb(0.4, 0.8))]
+    model = Model("cam", states, ode, t=t, contacts=contacts)
     sharp = simulate(model, 30.0, tolerance=SHARP, route="python")
     assert {"stick", "release"} <= {event.kind for event in sharp.events}
     for relative in (1e-6, 1e-8, 1e-11):

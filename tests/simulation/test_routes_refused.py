@@ -198,12 +198,10 @@ def test_forces_left_open_are_refused(route: Route):
 def relaxation() -> Model:
     """Van der Pol's oscillator, very stiff; counts how often x rises through 0."""
     x, count = ca.SX.sym("x", 2), ca.SX.sym("count")
-    return Model(
-        "relaxation",
-        x=[Signal("x", x, value=(2.0, 0.0)), Signal("count", count, value=0.0)],
-        ode=ca.vertcat(x[1], 1e3 * (1 - x[0] ** 2) * x[1] - x[0], 0),
-        switches=[Switch("rises", x[0], ca.vertcat(x, count + 1))],
-    )
+    states = [Signal("x", x, value=(2.0, 0.0)), Signal("count", count, value=0.0)]
+    ode = ca.vertcat(x[1], 1e3 * (1 - x[0] ** 2) * x[1] - x[0], 0)
+    switches = [Switch("rises", x[0], ca.vertcat(x, count + 1))]
+    return Model("relaxation", states, ode, switches=switches)
 
 
 def test_explicit_steps_give_up_where_they_would_crawl(route: Route):

@@ -102,12 +102,9 @@ def misjudged() -> Iterator[float]:
 def pulled_mass() -> Model:
     """A mass whose position is so large that the first step is as long as it may be."""
     x, v, force = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("force")
-    return Model(
-        "mass",
-        x=[Signal("position", x, value=1.0), Signal("velocity", v, value=START)],
-        ode=ca.vertcat(v, PULL + force),
-        contacts=[Contact("mass", v, force, LAW)],
-    )
+    states = [Signal("position", x, value=1.0), Signal("velocity", v, value=START)]
+    contacts = [Contact("mass", v, force, LAW)]
+    return Model("mass", states, ca.vertcat(v, PULL + force), contacts=contacts)
 
 
 def end_velocity(route: str, span: float, **asked: Any) -> float:
