@@ -223,12 +223,8 @@ def test_a_start_outside_a_funnel_is_refused_with_its_numbers():
         funnel_tracker(plant, reference, funnel=Funnel(0.5, 0.1, time=1.0), rate_funnel=wide)
     e1 = np.array([0.9, 0.0]) + np.array([0.3, 0.4]) / 0.75
     start = f"{np.sqrt(e1 @ e1):.6g}"
+    funnel = Funnel(1.0, 0.1, time=1.0)
     with pytest.raises(ValueError, match=rf"e' \+ k_0 e starts at {start}, outside .* of 1.4"):
-        funnel_tracker(
-            plant,
-            reference,
-            funnel=Funnel(1.0, 0.1, time=1.0),
-            rate_funnel=Funnel(1.4, 0.1, time=1.0),
-        )
+        funnel_tracker(plant, reference, funnel=funnel, rate_funnel=Funnel(1.4, 0.1, time=1.0))
     unknown = replace(plant, x=[replace(s, value=None) for s in plant.x])
     funnel_tracker(unknown, reference, funnel=Funnel(0.5, 0.1, time=1.0), rate_funnel=wide)

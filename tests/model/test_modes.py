@@ -152,11 +152,8 @@ def fastest_segment(weights: np.ndarray, contraction: np.ndarray, extension: np.
     to_ahead, to_behind = np.eye(n + 1, n, -1), np.eye(n + 1, n)
     lengthening = to_ahead - to_behind
     inner = np.isfinite(contraction)
-    answer = linprog(
-        -weights,
-        A_ub=np.vstack([lengthening[inner], -lengthening[inner]]),
-        b_ub=np.concatenate([extension[inner], contraction[inner]]),
-    )
+    b_ub = np.concatenate([extension[inner], contraction[inner]])
+    answer = linprog(-weights, A_ub=np.vstack([lengthening[inner], -lengthening[inner]]), b_ub=b_ub)
     assert answer.status == 0
     return -answer.fun
 

@@ -374,11 +374,8 @@ def test_what_is_held_are_durations_alone():
 def test_nominal_sizes_are_what_a_variable_of_1_means():
     s = ca.SX.sym("s")
     problem = sized().problem
-    more = replace(
-        problem,
-        slacks=[Signal("worst", s, nominal=3.0)],
-        design=[Signal("pace", ca.SX.sym("c"), lower=0.0, upper=20.0, nominal=10.0)],
-    )
+    design = [Signal("pace", ca.SX.sym("c"), lower=0.0, upper=20.0, nominal=10.0)]
+    more = replace(problem, slacks=[Signal("worst", s, nominal=3.0)], design=design)
     program = Transcription(more, Mesh(1, 4, Collocation(3)))
     ones = program.unpack(np.ones(len(program.hold_durations())))
     extras = program.nominal_extras()

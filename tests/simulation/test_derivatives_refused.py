@@ -99,13 +99,8 @@ def test_a_velocity_that_goes_on_falling_is_not_grazing_be_the_step_ever_so_shor
     v, f = ca.SX.sym("v"), ca.SX.sym("f")
     ground = [Contact("block", v, f, Coulomb(1.0, 1.0), nominal_speed=1e4)]
     model = Model("block", [Signal("v", v, value=0.1)], f, contacts=ground)
-    motion = simulate(
-        model,
-        0.5,
-        sensitivities=["v"],
-        route=route,
-        tolerance=Tolerance(1e-9, 1e-10, max_step=step),
-    )
+    tolerance = Tolerance(1e-9, 1e-10, max_step=step)
+    motion = simulate(model, 0.5, sensitivities=["v"], route=route, tolerance=tolerance)
     assert [event.time for event in motion.events] == pytest.approx([0.1], rel=1e-12)
     assert motion.nonsmooth_events == ()
 

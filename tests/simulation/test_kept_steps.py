@@ -236,12 +236,8 @@ print(np.abs(found[0] - sum(np.sin(k * x) for k in range(1, 101))).max() < 1e-6)
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="address space is limited by Linux")
 def test_a_million_samples_are_observed_in_little_memory():
-    result = subprocess.run(
-        [sys.executable, "-c", _MANY],
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-    )
+    env = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    result = subprocess.run([sys.executable, "-c", _MANY], env=env, capture_output=True, text=True)
     assert (result.returncode, result.stdout) == (0, "True\n"), result.stderr
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from on_routes import STEPPING
+from on_routes import STEPPING, event_times
 from scipy.integrate import quad, solve_ivp
 
 from wormopt.errors import ArgumentError
@@ -244,24 +244,24 @@ def circling(t: ca.SX) -> ca.SX:
 LAWS = [Elliptic(1, 1, 1), Elliptic(1, 3, 2), Elliptic(1, 2, 0.5), AnisotropicCoulomb(1, 3, 2)]
 
 
-def test_both_routes_agree():
-    check_routes(Elliptic(1, 3, 2), wandering)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", LAWS, ids=str)
-@pytest.mark.parametrize("load", [wandering, circling])
+@pytest.mark.parametrize(
+    ("law", "load"),
+    [
+        (LAWS[1], wandering),
+        *(
+            pytest.param(law, load, marks=pytest.mark.slow)
+            for law in LAWS
+            for load in (wandering, circling)
+        ),
+    ],
+)
 def test_both_routes_agree_and_keep_the_balance_of_energy(law: PlanarLaw, load: Load):
-    check_routes(law, load)
-
-
-def check_routes(law: PlanarLaw, load: Load) -> None:
     model = blocks([law], [0, 0], load, angle=0.4)
     one, other = (simulate(model, 6.0, route=route) for route in STEPPING)
     assert one.end == pytest.approx(other.end, abs=2e-10)
     assert [e.kind for e in one.events] == [e.kind for e in other.events]
     assert len(one.events) > 0
-    assert [e.time for e in one.events] == pytest.approx([e.time for e in other.events], abs=5e-9)
+    assert event_times(one) == pytest.approx(event_times(other), abs=5e-9)
     assert one["kinetic"][0, -1] == pytest.approx(one["energy"][0, -1], abs=1e-10)
 
 
@@ -368,25 +368,25 @@ def chain(seed: int, *, planar: bool, angle: float = 0.0) -> Model:
     return Model("chain", states, ode, t=t, contacts=grounds)
 
 
-def check_straight(seed: int, angle: float, route: Route) -> None:
+@pytest.mark.parametrize(
+    ("seed", "angle", "route"),
+    [
+        (4, 0.6, "native"),
+        (8, 0.0, "python"),
+        *(
+            pytest.param(k, 0.6 * (k % 2), STEPPING[k % 3 == 0], marks=pytest.mark.slow)
+            for k in range(24)
+        ),
+    ],
+)
+def test_a_straight_chain_is_the_chain_on_the_line(seed: int, angle: float, route: Route):
     line = simulate(chain(seed, planar=False), 8.0)
     plane = simulate(chain(seed, planar=True, angle=angle), 8.0, route=route)
     projected = plane.end.reshape(-1, 2) @ turn(angle)
     assert projected[:, 0] == pytest.approx(line.end, abs=1e-9)
     assert np.abs(projected[:, 1]).max() < 1e-11
     assert [(e.name, e.kind) for e in plane.events] == [(e.name, e.kind) for e in line.events]
-    assert [e.time for e in plane.events] == pytest.approx([e.time for e in line.events], abs=2e-9)
-
-
-@pytest.mark.parametrize(("seed", "angle", "route"), [(4, 0.6, "native"), (8, 0.0, "python")])
-def test_a_straight_chain_is_the_chain_on_the_line(seed: int, angle: float, route: Route):
-    check_straight(seed, angle, route)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(24))
-def test_straight_chains_are_chains_on_the_line(seed: int):
-    check_straight(seed, 0.6 if seed % 2 else 0.0, STEPPING[seed % 3 == 0])
+    assert event_times(plane) == pytest.approx(event_times(line), abs=2e-9)
 
 
 # -- what neither slides nor lets go ---------------------------------------------------------

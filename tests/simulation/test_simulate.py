@@ -216,15 +216,6 @@ def test_a_worm_at_rest_notices_that_forces_change():
     assert simulate(fast, 100.0).events[0].time == pytest.approx(release, abs=1e-9)
 
 
-def test_two_switches_on_one_guard_both_fire_every_time():
-    t, count = ca.SX.sym("t"), ca.SX.sym("count", 2)
-    resets = [count + ca.DM([1, 0]), count + ca.DM([0, 1])]
-    switches = [Switch(f"count {i}", ca.sin(t) - 0.5, r) for i, r in enumerate(resets)]
-    states = [Signal("count", count, value=0.0)]
-    model = Model("counts", x=states, ode=ca.SX(2, 1), t=t, switches=switches)
-    assert simulate(model, 100.0).end.tolist() == [16.0, 16.0]
-
-
 def test_contacts_that_do_not_determine_their_forces_share_what_they_hold():
     # three feet on two freedoms, singular up to rounding, pushed by less than they hold
     x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 3)

@@ -204,11 +204,8 @@ def test_models_without_walls_are_refused():
         for c in BLOCK.contacts
         if c.normal_force is not None
     ]
-    bare = replace(
-        BLOCK,
-        contacts=[replace(c, normal_force=None) for c in BLOCK.contacts],
-        u=[*BLOCK.u, *pressed],
-    )
+    contacts = [replace(c, normal_force=None) for c in BLOCK.contacts]
+    bare = replace(BLOCK, contacts=contacts, u=[*BLOCK.u, *pressed])
     with pytest.raises(ArgumentError, match="no normal force"):
         smooth_walls(bare, 1.0, smoothing=1.0, relaxation=0.0)
     (floor, ceiling), pull = BLOCK.contacts, BLOCK.u[0].symbol

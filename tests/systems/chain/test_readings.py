@@ -174,12 +174,9 @@ def test_mirror_images_have_the_same_errors(reading: Reading, feedback: Feedback
     """Seen in a mirror forward is back and the first link the last: x_i -> -x_(n-i)."""
     if reading.signs == "filter":  # grows beyond bounds before long
         reading = replace(reading, signs="printed")
-    image = replace(
-        reading,
-        start=tuple(-x for x in reading.start[::-1]),
-        friction=reading.friction[::-1],
-        links="reversed" if reading.links == "printed" else "printed",
-    )
+    start = tuple(-x for x in reading.start[::-1])
+    links = "reversed" if reading.links == "printed" else "printed"
+    image = replace(reading, start=start, friction=reading.friction[::-1], links=links)
     one, other = (course(each, feedback, 0.3, 31) for each in (reading, image))
     assert one["error"] == pytest.approx(other["error"][::-1], rel=1e-6, abs=1e-7)
     assert one["gain"] == pytest.approx(other["gain"], rel=1e-7)

@@ -97,7 +97,26 @@ def drawn_ground(random: np.random.Generator) -> tuple[Ground, Law]:
     return grounds[random.choice(4, p=[0.4, 0.3, 0.2, 0.1])]
 
 
-def compare(name: str, by_springs: bool, seed: int, route: Route = "auto") -> None:
+@pytest.mark.parametrize(
+    ("name", "by_springs", "seed", "route"),
+    [
+        *(
+            (name, True, seed, "python")  # three or five links on grounds of several kinds
+            for name, seed in zip(
+                ("difference", "backstepping", "switching", "two gains"), (4, 4, 1, 4), strict=True
+            )
+        ),
+        *(
+            # in 0 an error touches its bound for 4e-4, which scipy's events step over
+            pytest.param(name, by_springs, seed, route, marks=pytest.mark.slow)
+            for name in TRACKERS
+            for by_springs in (False, True)
+            for route in ("native", "python")
+            for seed in (1, 2, 5, 6, 7, 8)
+        ),
+    ],
+)
+def test_trackers_on_random_worms(name: str, by_springs: bool, seed: int, route: Route):
     random = np.random.default_rng(seed)
     n = int(random.integers(1, 7))
     lag, gain = float(random.choice([0.07, 0.2, 3.0])), float(random.uniform(0.5, 1.0))
@@ -143,24 +162,6 @@ def compare(name: str, by_springs: bool, seed: int, route: Route = "auto") -> No
         found = np.delete(found, 2 * n + 2)
     assert found[: len(end)] == pytest.approx(end, rel=1e-8, abs=1e-8)
     assert sum(event.kind in ("stick", "reversal") for event in motion.events) == by_hand.count
-
-
-@pytest.mark.parametrize(
-    ("name", "seed"), [("difference", 4), ("backstepping", 4), ("switching", 1), ("two gains", 4)]
-)
-def test_a_tracker_that_moves_rest_lengths_on_a_random_worm(name: str, seed: int):
-    """Three or five links on grounds of several kinds."""
-    compare(name, True, seed, "python")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("route", ["native", "python"])
-@pytest.mark.parametrize("by_springs", [False, True])
-@pytest.mark.parametrize("name", TRACKERS)
-def test_trackers_on_random_worms(name: str, by_springs: bool, route: Route):
-    # in 0 an error touches its bound for 4e-4, which scipy's events step over
-    for seed in (1, 2, 5, 6, 7, 8):
-        compare(name, by_springs, seed, route)
 
 
 @pytest.mark.parametrize("varies", [False, True])

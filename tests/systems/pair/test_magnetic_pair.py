@@ -353,11 +353,8 @@ def test_folds_of_a_resonance(tmp_path: Path):
     assert result["detuning"].values.max() < fold < 3.0
     assert value(result, "steady_motions") > value(result, "stable") > 0
     eps = 0.0355
-    slow = slow_pair(
-        law=wo.Stribeck(0.3 * eps, 0.6 * eps, 0.9 * eps, 1.8 * eps, 0.15),
-        push=0.0355,
-        frequency=NATURAL,
-    )
+    law = wo.Stribeck(0.3 * eps, 0.6 * eps, 0.9 * eps, 1.8 * eps, 0.15)
+    slow = slow_pair(law=law, push=0.0355, frequency=NATURAL)
     nu = next(s.symbol for s in slow.p if s.name == "frequency")
     model = average(slow, 2 * ca.pi / nu)
     for side, count in ((0.01, 0), (-0.01, 2)):
