@@ -1,6 +1,8 @@
 """One transcription for any Model: exact optima, convergence, and bounds that hold inside arcs."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,20 +24,23 @@ ROOT_ONE_AND_A_HALF = 1.224744871391589
 BLOCK = block(Coulomb(1.0, 2.0), force=3.0)
 
 
-def fastest(model: Model, start: tuple[float, ...], end: tuple[float, float]) -> Problem:
-    """Time-optimal transfer; of the start as many states are given as ``start`` is long."""
-    ends = Ends.of(model)
-    begin = ends.start[: len(start)]
-    return Problem(
-        model,
-        ends,
-        ends.duration,
-        (0.01, 10.0),
-        boundary_constraints=[
-            Constraint("start", begin, start, start),
-            Constraint("end", ends.end, end, end),
-        ],
-    )
+def from_to(
+    model: Model,
+    start: tuple[float, ...],
+    end: tuple[float, ...],
+    cost: Callable[[Ends], ca.SX] = lambda ends: ends.duration,
+    span: tuple[float, float] = (0.01, 10.0),
+    **more: Any,
+) -> Problem:
+    """Shortest or cheapest transfer; as many states are given as start and end are long."""
+    ends = Ends.of(model, int("integrands" in more))
+    given = {"start": (ends.start, start), "end": (ends.end, end)}
+    at_ends = [Constraint(n, all_[: len(v)], v, v) for n, (all_, v) in given.items() if v]
+    return Problem(model, ends, cost(ends), span, boundary_constraints=at_ends, **more)
+
+
+def integral(ends: Ends) -> ca.SX:
+    return ends.integrals[0]
 
 
 def solved(program: Transcription, modes: list[int], speed: float = 0.5):
@@ -54,7 +59,7 @@ def solved(program: Transcription, modes: list[int], speed: float = 0.5):
     ],
 )
 def test_time_optimal_block_on_dry_ground_is_exact(start, end, modes, exact):
-    program = Transcription(fastest(BLOCK, start, end), Mesh(len(modes), 2, Collocation(2)))
+    program = Transcription(from_to(BLOCK, start, end), Mesh(len(modes), 2, Collocation(2)))
     solution, _ = solved(program, modes, speed=0.0)
     assert solution.objective == pytest.approx(exact, abs=1e-9)
     assert solution.violation <= 1e-12
@@ -63,7 +68,7 @@ def test_time_optimal_block_on_dry_ground_is_exact(start, end, modes, exact):
 def test_a_sticking_contact_does_not_move_and_its_force_stays_in_the_interval():
     # the sticking mode itself says that it starts at rest: only the position is given
     program = Transcription(
-        fastest(BLOCK, (0.0,), (1.0, 0.0)), Mesh(2, 2, Collocation(3), input_degree=1)
+        from_to(BLOCK, (0.0,), (1.0, 0.0)), Mesh(2, 2, Collocation(3), input_degree=1)
     )
     solution, _ = solved(program, [0, 1])
     arcs = program.unpack(solution.w)
@@ -82,18 +87,7 @@ def oscillator(scheme, degree: int, arcs: int) -> float:
     x, v, u = (ca.SX.sym(name) for name in "xvu")
     states = [Signal("position", x), Signal("velocity", v)]
     model = Model("oscillator", states, ca.vertcat(v, u - x), u=[Signal("drive", u)])
-    ends = Ends.of(model, 1)
-    problem = Problem(
-        model,
-        ends,
-        ends.integrals[0],
-        (1.0, 1.0),
-        integrands=u**2 / 2,
-        boundary_constraints=[
-            Constraint("start", ends.start, [0, 0], [0, 0]),
-            Constraint("end", ends.end, [1, 0], [1, 0]),
-        ],
-    )
+    problem = from_to(model, (0, 0), (1, 0), integral, (1.0, 1.0), integrands=u**2 / 2)
     mesh = Mesh.even(1, int(arcs), Collocation(degree, scheme), degree - 1)
     program = Transcription(problem, mesh)
     bounds = program.bounds(ModeSequence(((),)))
@@ -119,17 +113,9 @@ def test_bounds_hold_inside_arcs_not_only_at_nodes():
     y, v, u = (ca.SX.sym(name) for name in "yvu")
     states = [Signal("height", y), Signal("speed", v)]
     model = Model("ball", states, ca.vertcat(v, u - 1), u=[Signal("gust", u, lower=0.0, upper=0.1)])
-    ends = Ends.of(model)
-    problem = Problem(
-        model,
-        ends,
-        -ends.duration,
-        (0.1, 10.0),
-        path_constraints=[Constraint("ceiling", y, upper=0.5)],
-        boundary_constraints=[
-            Constraint("start", ends.start[0], 0, 0),
-            Constraint("end", ends.end[0], 0, 0),
-        ],
+    under = [Constraint("ceiling", y, upper=0.5)]
+    problem = from_to(
+        model, (0,), (0,), lambda ends: -ends.duration, (0.1, 10.0), path_constraints=under
     )
     program = Transcription(problem, Mesh(1, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((),)))
@@ -144,7 +130,7 @@ def test_bounds_hold_inside_arcs_not_only_at_nodes():
 
 
 def test_refining_a_mesh_keeps_the_motion():
-    problem = fastest(BLOCK, (0.0, 0.0), (1.0, 0.0))
+    problem = from_to(BLOCK, (0.0, 0.0), (1.0, 0.0))
     coarse = Transcription(problem, Mesh(1, 2, Collocation(2)))
     solution, _ = solved(coarse, [1])
     mesh = Mesh(1, 6, Collocation(5), input_degree=3)
@@ -171,7 +157,7 @@ def test_arcs_are_split_by_what_they_err_at_the_order_of_the_scheme():
 
 
 def test_pack_is_the_inverse_of_unpack():
-    program = Transcription(fastest(BLOCK, (0, 0), (1, 0)), Mesh(2, 3, Collocation(3), 1))
+    program = Transcription(from_to(BLOCK, (0, 0), (1, 0)), Mesh(2, 3, Collocation(3), 1))
     w = np.random.default_rng(0).normal(size=len(program.rest(np.ones(6), np.zeros(2))))
     bounds = program.bounds(ModeSequence(((1,), (1,))))
     again = program.pack(program.unpack(w), bounds)
@@ -184,7 +170,7 @@ def test_pack_is_the_inverse_of_unpack():
 def sized() -> Transcription:
     """Of a block whose position, velocity and time have nominal sizes other than 1."""
     states = [replace(s, nominal=size) for s, size in zip(BLOCK.x, (5.0, 0.2), strict=True)]
-    problem = fastest(replace(BLOCK, x=states), (0.0, 0.0), (1.0, 0.0))
+    problem = from_to(replace(BLOCK, x=states), (0.0, 0.0), (1.0, 0.0))
     mesh = Mesh(2, 2, Collocation(3), shares=(0.3, 0.7, 0.5, 0.5))
     return Transcription(replace(problem, duration=(4.0, 6.0)), mesh)
 
@@ -398,7 +384,7 @@ def test_states_have_their_rows():
 
 
 def test_rows_have_names_to_the_last():
-    program = Transcription(fastest(BLOCK, (0.0, 0.0), (1.0, 0.0)), Mesh(2, 4, Collocation(2)))
+    program = Transcription(from_to(BLOCK, (0.0, 0.0), (1.0, 0.0)), Mesh(2, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((1,), (-1,))))
     names = [program.name_of(row) for row in range(len(bounds.lbg))]
     assert names[-4:] == ["start", "start", "end", "end"]
@@ -413,15 +399,11 @@ def test_a_constant_is_chosen_in_its_own_unit():
     x, c = ca.SX.sym("x"), ca.SX.sym("c")
     pace = Signal("pace", c, lower=0.0, upper=20.0, nominal=10.0)
     model = Model("cart", x=[Signal("position", x)], ode=c, p=[pace])
-    ends = Ends.of(model)
-    problem = Problem(
-        model,
-        ends,
-        (ends.end - 3) ** 2 + (c - 5) ** 2,
-        (1.0, 1.0),
-        boundary_constraints=[Constraint("start", ends.start, 0.0, 0.0)],
-        design=[pace],
-    )
+
+    def cost(ends: Ends) -> ca.SX:
+        return (ends.end - 3) ** 2 + (c - 5) ** 2
+
+    problem = from_to(model, (0,), (), cost, (1.0, 1.0), design=[pace])
     program = Transcription(problem, Mesh(1, 2, Collocation(2)))
     w = program.rest(np.full(2, 0.5), np.zeros(1))
     solution = program.nlp.solve(w, program.bounds(ModeSequence(((),))), Ipopt())
@@ -430,19 +412,10 @@ def test_a_constant_is_chosen_in_its_own_unit():
 
 
 def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
-    model = BLOCK
-    ends = Ends.of(model)
-    problem = Problem(
-        model,
-        ends,
-        ca.SX(0),
-        (1.0, 1.0),
-        path_constraints=[Constraint("speed limit", model.x[1].symbol, -0.5, 0.5)],
-        boundary_constraints=[
-            Constraint("start", ends.start, [0, 0], [0, 0]),
-            Constraint("distance", ends.end[0], 2.0),
-        ],
-    )
+    slow = [Constraint("speed limit", BLOCK["velocity"], -0.5, 0.5)]
+    problem = from_to(BLOCK, (0, 0), (), lambda _: ca.SX(0), (1.0, 1.0), path_constraints=slow)
+    far = Constraint("distance", problem.ends.end[0], 2.0)
+    problem = replace(problem, boundary_constraints=[*problem.boundary_constraints, far])
     program = Transcription(elastic(problem), Mesh(1, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((1,),)))
     w = program.rest(np.full(4, 0.25), np.zeros(2))
@@ -455,7 +428,7 @@ def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
 
 
 def test_wrong_number_of_phases_is_refused():
-    program = Transcription(fastest(BLOCK, (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
+    program = Transcription(from_to(BLOCK, (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
     with pytest.raises(ValueError, match="1 phases given, the mesh has 2"):
         program.bounds(ModeSequence(((1,),)))
 
@@ -465,15 +438,7 @@ def test_a_model_may_depend_on_time_and_have_algebraic_equations():
     x, t, z, u = (ca.SX.sym(name) for name in ("x", "t", "z", "u"))
     states, alg = [Signal("x", x)], z - ca.cos(2 * t)
     model = Model("clock", states, z, t=t, z=[Signal("z", z)], alg=alg, u=[Signal("u", u)])
-    ends = Ends.of(model, 1)
-    problem = Problem(
-        model,
-        ends,
-        ends.integrals[0],
-        (1.5, 1.5),
-        integrands=(u - z) ** 2,
-        boundary_constraints=[Constraint("start", ends.start, 0, 0)],
-    )
+    problem = from_to(model, (0,), (), integral, (1.5, 1.5), integrands=(u - z) ** 2)
     program = Transcription(problem, Mesh.even(1, 6, Collocation(5), input_degree=4))
     bounds = program.bounds(ModeSequence(((),)))
     w = program.rest(np.full(6, 0.25), np.zeros(1))

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -12,6 +11,7 @@ from derived import block, changes
 from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from on_routes import shaken
 from scipy.linalg import expm
 
 from tests.benchmarks.cases import mag2, track
@@ -91,14 +91,6 @@ def test_a_growing_load_lets_go_when_stiction_says(route: Any):
     np.testing.assert_allclose(sampled.derivative("energy")[0, 0, -1], m * v * speed[0], rtol=1e-10)
 
 
-def pair_matrix() -> np.ndarray:
-    """Of the magneto-elastic pair between events: x1' = v1, v1' = -(x1 - x2), and so on."""
-    a = np.zeros((4, 4))
-    a[0, 2] = a[1, 3] = 1.0
-    a[2, :2], a[3, :2] = [-1.0, 1.0], [1.0, -1.0]
-    return a
-
-
 def test_the_magneto_elastic_pair_by_matrix_exponentials_and_jumps_written_out():
     """Through all 369 events of MAG2: the flow in between is linear, given the events' times."""
     eps, nu = 0.036, math.sqrt(2.0) + 0.5 * 0.036
@@ -130,8 +122,10 @@ def test_the_magneto_elastic_pair_by_matrix_exponentials_and_jumps_written_out()
 
 
 def held(modes: np.ndarray, time: float) -> np.ndarray:
-    """Flow of the pair over a time; what rests stays."""
-    a = pair_matrix()
+    """Flow of the pair over a time, x1' = v1, v1' = -(x1 - x2) and so on; what rests stays."""
+    a = np.zeros((4, 4))
+    a[0, 2] = a[1, 3] = 1.0
+    a[2, :2], a[3, :2] = [-1.0, 1.0], [1.0, -1.0]
     a[2:][modes == 0] = 0.0
     return expm(a * time)
 
@@ -371,7 +365,7 @@ def test_random_chains_agree_with_differences_of_another_integrator(links: int, 
 
     law = Coulomb(1.0, 2.0, excess, 2 * excess)
     worm = chain(links, **numbers, law=[law] * n, position=x0["position"])
-    worm = driven(worm, 4 * ca.sin(5 * worm.t - ca.DM(phases)))
+    worm = shaken(worm, 4 * ca.sin(5 * worm.t - ca.DM(phases)))
 
     def with_stiction(grip: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         more = {f"friction_stick_{w}": excess * grip[f"friction_{w}"] for w in WAYS}
@@ -384,13 +378,6 @@ def test_random_chains_agree_with_differences_of_another_integrator(links: int, 
     assume(len({count for _, count in runs}) == 1)
     by = (8 * (runs[0][0] - runs[1][0]) - (runs[2][0] - runs[3][0])) / 12e-4
     assert np.abs(motion.end_derivative[:, 0] - by).max() < 1e-6 * np.abs(by).max()
-
-
-def driven(worm: Model, force: ca.SX) -> Model:
-    """The chain with its actuators' forces as expressions of time."""
-    (u,) = (s.symbol for s in worm.u)
-    outputs = [replace(o, expression=ca.substitute(o.expression, u, force)) for o in worm.outputs]
-    return replace(worm, ode=ca.substitute(worm.ode, u, force), u=(), outputs=outputs)
 
 
 def test_contacts_that_act_on_each_other_agree_with_differences():

@@ -8,6 +8,7 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 from simulated import refused
 
 from wormopt.errors import ArgumentError
@@ -179,19 +180,15 @@ def test_belts_of_any_course_take_up_what_their_turns_say(seed: int):
     def way(s: np.ndarray) -> np.ndarray:
         return a * np.sin(s) + b / 3 * np.sin(3 * s + phase)
 
+    def rate(s: np.ndarray) -> np.ndarray:
+        return a * np.cos(s) + b * np.cos(3 * s + phase)
+
     grid = np.linspace(0, 5, 20001)
-    rate = a * np.cos(grid) + b * np.cos(3 * grid + phase)
-    turns = [0.0, *_roots(lambda s: a * np.cos(s) + b * np.cos(3 * s + phase), grid, rate), 5.0]
+    signs = np.flatnonzero(rate(grid[1:]) * rate(grid[:-1]) < 0)
+    turns = [0.0, *(brentq(rate, grid[k], grid[k + 1], xtol=1e-15) for k in signs), 5.0]
     gone = np.diff(way(np.array(turns)))
     taken = law[0] * gone[gone > 0].sum() - law[1] * gone[gone < 0].sum()
     assert motion.end == pytest.approx([taken], rel=1e-9)
-
-
-def _roots(function, grid: np.ndarray, values: np.ndarray) -> list[float]:
-    from scipy.optimize import brentq
-
-    signs = np.flatnonzero(values[1:] * values[:-1] < 0)
-    return [float(brentq(function, grid[k], grid[k + 1], xtol=1e-15)) for k in signs]
 
 
 def test_the_velocity_of_a_belt_may_be_a_state_and_its_friction_push_something_else(route: Route):

@@ -26,6 +26,7 @@ from wormopt.model.model import Model, Signal
 from wormopt.result import Result
 from wormopt.simulation.ensemble import simulate_ensemble
 from wormopt.simulation.options import Smooth, Tolerance
+from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.chain.loops import draw_links
 from wormopt.systems.chain.readings import (
@@ -200,18 +201,6 @@ def test_links_are_reversed_with_or_without_a_harmonic():
 
 
 # -- actuators -------------------------------------------------------------------------------------
-
-
-def evaluated(loop: Model, name: str, t: float = 0.0) -> np.ndarray:
-    symbols, numbers = [loop.t], [ca.DM(t)]
-    for signal in (*loop.x, *loop.p):
-        symbols.append(signal.symbol)
-        numbers.append(ca.DM(np.broadcast_to(np.array(signal.value, float), signal.size)))
-    for schedule in loop.schedules:
-        begin, piece = schedule.locate(np.array([t]))
-        symbols += [schedule.symbol, schedule.begin]
-        numbers += [ca.DM(schedule.values[piece[0]]), ca.DM(begin)]
-    return np.array(ca.Function("f", symbols, [loop[name]])(*numbers)).ravel()
 
 
 def test_actuators_that_are_not_known_or_have_no_spring_are_refused():
@@ -454,7 +443,7 @@ def test_a_scene_may_move_rest_lengths():
     tables = [f'{{feedback="{f}", tube_radius=0.2, input="rest_length"}}' for f in TRACKERS]
     forces = [table.replace("rest_length", "force") for table in tables]
     rest = [
-        evaluated(scene.table.loop(k, draw_links(scene.table.worm, 1.0)), "input")
+        simulate(scene.table.loop(k, draw_links(scene.table.worm, 1.0)), 1e-9, times=[0.0])["input"]
         for given in (tables, forces)
         for scene in [load_scene("track_as_described", [*changes, f"tracker=[{','.join(given)}]"])]
         for k in range(2)

@@ -43,6 +43,12 @@ def solved(*changes: str) -> Result:
     return wo.run(load_scene(NAME, ["want=[]", *changes]))
 
 
+def pair_in(cosines: tuple[float, ...] | None, eps: float = EPS) -> Model:
+    """In a field of these, or in one that is its input."""
+    law = Coulomb(0.5 * eps, eps)
+    return magnetic_pair(law=law, push=eps, frequency=NU, cosines=cosines)
+
+
 def first_order(g1: float, detuning: float = 0.5) -> float:
     """(19) with the first harmonic g1 of the field in place of 1."""
     taken, phi = 1.5 / math.pi * math.cos(math.pi / 6), math.pi / 6
@@ -98,8 +104,7 @@ def test_a_link_beyond_its_own_length_is_told(best: Result):
 def test_a_saved_waveform_moves_the_pair_again(best: Result, tmp_path: Path):
     best.save(tmp_path)
     field = wo.load_gait(tmp_path)
-    law = Coulomb(0.5 * EPS, EPS)
-    pair = magnetic_pair(law=law, push=EPS, frequency=NU, cosines=None)
+    pair = pair_in(None)
     # from rest: the motion tends to the same speed, wherever it starts
     orbit = settle(drive(pair, field, periodic=True), field.period, np.zeros(4))
     assert orbit.settled
@@ -259,8 +264,7 @@ def test_through_the_resonance_the_strain_rules():
 
 
 def test_a_push_off_an_orbit_that_is_none_stays():
-    law = Coulomb(0.5 * EPS, EPS)
-    pair = magnetic_pair(law=law, push=EPS, frequency=NU, cosines=(1.0, 1.0))
+    pair = pair_in((1.0, 1.0))
     period = 2 * math.pi / NU
     orbit = settle(pair, period, np.zeros(4))
     size = orbit.strain
@@ -274,9 +278,7 @@ def test_a_push_off_an_orbit_that_is_none_stays():
 
 
 def harmonic(limits: FieldLimits, aim: FieldAim | None = None, eps: float = EPS):
-    law = Coulomb(0.5 * eps, eps)
-    pair = magnetic_pair(law=law, push=eps, frequency=NU, cosines=(1.0, 1.0))
-    return best_harmonic(pair, limits, aim or FieldAim(), lambda *given: None)
+    return best_harmonic(pair_in((1.0, 1.0), eps), limits, aim or FieldAim(), lambda *given: None)
 
 
 def test_the_harmonic_orbit_is_that_of_theory():
@@ -305,8 +307,7 @@ def test_the_amplitude_of_the_harmonic_keeps_slope_strain_and_speed():
 
 
 def test_a_ramped_plant_moves_as_the_plant_under_the_integral():
-    law = Coulomb(0.5 * EPS, EPS)
-    pair = magnetic_pair(law=law, push=EPS, frequency=NU, cosines=None)
+    pair = pair_in(None)
     slow = ramped(pair, 2.0)
     rate = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0]], [[-1.0]]]))
     level = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[0.0, 1.0]], [[2.0, -1.0]]]))
@@ -344,7 +345,7 @@ def test_limits_that_cannot_be_are_refused(given: dict[str, Any], message: str):
 def test_aims_and_plants_that_cannot_be_are_refused():
     with pytest.raises(ArgumentError, match="the cheapest motion is rest"):
         FieldAim(None)
-    pair = magnetic_pair(law=Coulomb(0.5 * EPS, EPS), push=EPS, frequency=NU)
+    pair = pair_in((1.0, 1.0))
     limits = FieldLimits((0.0, 2.0), (NU, NU))
     with pytest.raises(ArgumentError, match="cosines=None"):
         waveform_problem(pair, limits, FieldAim())

@@ -76,11 +76,6 @@ def test_g1_is_the_optimum_of_its_program_to_rounding():
 # -- arcs halved, vertices sharpened ---------------------------------------------------------------
 
 
-@cache
-def drawn(seed: int, index: int) -> tuple[Worm, Limits]:
-    return parts_of(design_cases.draw(seed, index + 1)[index])
-
-
 def climbed(task: GaitProblem, sequence, arcs: int, degree: int) -> tuple[GaitProgram, Point]:
     longest = task.limits.period_range[1]
     program = GaitProgram(task, sequence, (0.2 * longest, longest), arcs, degree)
