@@ -25,24 +25,15 @@ from wormopt.systems.chain.build import chain
 SHARP = Tolerance(1e-12, 1e-13)
 
 
-def block(law: Law, force: ca.SX | float = 0.0, t: ca.SX | None = None, **start: float) -> Model:
+def block(
+    law: Law, force: ca.SX | float = 0.0, t: ca.SX | None = None, x0: float = 0.0, v0: float = 0.0
+) -> Model:
     """A unit mass on the ground that a force pulls."""
     x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
-    states = [
-        Signal("position", x, value=start.get("x", 0.0)),
-        Signal("velocity", v, value=start.get("v", 0.0)),
-    ]
+    states = [Signal("position", x, value=x0), Signal("velocity", v, value=v0)]
     (lifted,), numbers = lift([law])  # one compilation for all numbers
-    ground = [Contact("block", v, f, lifted)]
-    time = ca.SX.sym("t") if t is None else t
-    ode = ca.vertcat(v, f + force)
-    return Model("block", x=states, ode=ode, p=numbers, t=time, contacts=ground)
-
-
-def spring_block(law: Law, stiffness: float, x0: float) -> Model:
-    model = block(law, x=x0)
-    x = model.x[0].symbol
-    return replace(model, ode=model.ode + ca.vertcat(0, -stiffness * x))
+    ground, time = [Contact("block", v, f, lifted)], ca.SX.sym("t") if t is None else t
+    return Model("block", states, ca.vertcat(v, f + force), p=numbers, t=time, contacts=ground)
 
 
 def kinds(motion: Trajectory) -> list[str]:
@@ -97,7 +88,7 @@ def test_a_thrown_block_stops_where_its_energy_is_spent(
 ):
     resistance = forward if speed > 0 else backward
     time = abs(speed) / resistance
-    motion = simulate(block(Coulomb(forward, backward), v=speed), time + 1.0, tolerance=SHARP)
+    motion = simulate(block(Coulomb(forward, backward), v0=speed), time + 1.0, tolerance=SHARP)
     way = speed * abs(speed) / (2 * resistance)
     assert motion.end == pytest.approx([way, 0.0], abs=1e-11)
     if time > 1e-6:
@@ -108,7 +99,9 @@ def test_a_thrown_block_stops_where_its_energy_is_spent(
 def test_a_spring_block_loses_two_friction_offsets_each_half_swing():
     # Coulomb's oscillator: half circles about +F/c = 0.2 backward and -0.2 forward, from 1.9 to
     # -1.5, 1.1, -0.7, 0.3, 0.1; there the spring pulls with less than the ground holds
-    motion = simulate(spring_block(Coulomb(0.8, 0.8), 4.0, 1.9), 20.0)
+    free = block(Coulomb(0.8, 0.8), x0=1.9)
+    pull = ca.vertcat(0, -4 * free["position"])
+    motion = simulate(replace(free, ode=free.ode + pull), 20.0)
     assert motion.end == pytest.approx([0.1, 0.0], abs=1e-9)
     assert kinds(motion) == ["reversal"] * 4 + ["stick"]
     half_swings = np.pi / 2 * np.arange(1, 6)
@@ -160,8 +153,8 @@ def test_a_spike_stops_backward_motion_at_once_and_never_gives_way():
 
 
 def test_viscous_contacts_are_plain_forces_in_either_treatment():
-    exact = simulate(block(Viscous(2.0), v=1.0), 1.0, contact=Exact(), tolerance=SHARP)
-    smooth = simulate(block(Viscous(2.0), v=1.0), 1.0, contact=Smooth(), tolerance=SHARP)
+    exact = simulate(block(Viscous(2.0), v0=1.0), 1.0, contact=Exact(), tolerance=SHARP)
+    smooth = simulate(block(Viscous(2.0), v0=1.0), 1.0, contact=Smooth(), tolerance=SHARP)
     assert exact.events == ()
     assert exact.end[1] == pytest.approx(np.exp(-2.0), abs=1e-12)
     assert smooth.end == pytest.approx(exact.end, abs=1e-13)
@@ -172,7 +165,7 @@ def test_a_velocity_that_only_touches_zero_makes_no_event_and_one_that_dips_make
     for depth, count in ((1e-9, 0), (-1e-9, 2)):
         # frictionless in effect: v = (t - 5)^2 + depth but for the reversal
         law = Coulomb(1e-15, 1e-15)
-        motion = simulate(block(law, 2 * (t - 5), t, v=25 + depth), 10.0, tolerance=SHARP)
+        motion = simulate(block(law, 2 * (t - 5), t, v0=25 + depth), 10.0, tolerance=SHARP)
         assert len(motion.events) == count
         if count:
             width = np.sqrt(-depth)
@@ -185,7 +178,7 @@ def test_a_velocity_that_only_touches_zero_makes_no_event_and_one_that_dips_make
 def test_no_short_dip_is_passed_where_velocities_are_mostly_clear_of_zero(relative: float):
     # frictionless in effect: v = 0.99 + cos 3 t is below 0 for a twentieth of each of 20 periods
     t = ca.SX.sym("t")
-    model = block(Coulomb(1e-15, 1e-15), -3 * ca.sin(3 * t), t, v=1.99)
+    model = block(Coulomb(1e-15, 1e-15), -3 * ca.sin(3 * t), t, v0=1.99)
     motion = simulate(model, 40 * np.pi / 3, tolerance=Tolerance(relative, 0.1 * relative))
     half = np.arccos(0.99) * np.tile([-1, 1], 20)
     found = [e.time for e in motion.events]
@@ -196,7 +189,7 @@ def test_no_short_dip_is_passed_where_velocities_are_mostly_clear_of_zero(relati
 
 def test_a_step_that_stays_clear_of_events_costs_no_more_than_its_stages():
     t = ca.SX.sym("t")
-    model = block(Coulomb(0.1, 0.1), 0.2 + ca.cos(3 * t), t, v=1.0)
+    model = block(Coulomb(0.1, 0.1), 0.2 + ca.cos(3 * t), t, v0=1.0)
     motion = simulate(model, 50.0, tolerance=SHARP, route="native")
     assert motion.events == ()
     tried = motion.n_steps + motion.n_rejected
