@@ -44,25 +44,6 @@ def value(model: Model, expression: ca.SX, at: dict[str, np.ndarray]) -> np.ndar
     return np.array(function(*(at[s.name] for s in signals), at["force"])).ravel()
 
 
-@given(seed=seeds)
-def test_three_masses_obey_the_corrected_equations_of_motion(seed: int):
-    """(10), written out by hand; exact, since all numbers are whole."""
-    model = worm(2)
-    at = drawn(model, seed)
-    (x0, x1, x2), (v0, v1, v2), (u1, u2) = (at[k] for k in ("position", "velocity", "input"))
-    (c1, c2), (d1, d2), (r1, r2) = (at[k] for k in ("stiffness", "damping", "rest_length"))
-    ground = at["force"] - at["drag"] * at["velocity"] - at["load"]
-    first, second = c1 * (x0 - x1 - r1), c2 * (x1 - x2 - r2)
-    by_hand = [
-        -first - d1 * (v0 - v1) + u1,
-        first - second + d1 * (v0 - v1) - d2 * (v1 - v2) + u2 - u1,
-        second + d2 * (v1 - v2) - u2,
-    ]
-    ode = value(model, model.ode, at)
-    assert np.array_equal(ode[:3], at["velocity"])
-    assert np.array_equal(ode[3:], (ground + by_hand) / at["mass"])
-
-
 @given(links=st.integers(1, 8), seed=seeds)
 def test_every_mass_obeys_newton_with_the_forces_shown(links: int, seed: int):
     """m_i v_i' = external_i + mu_i - mu_{i+1} with mu_j = c (l - l0) + d l' - u, (8)."""

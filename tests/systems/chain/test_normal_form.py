@@ -16,6 +16,7 @@ from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.oracles.by_symbols import Symbols
 from wormopt.analysis.linearise import linearise
 from wormopt.analysis.normal_form import NormalForm, normal_form
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
@@ -28,48 +29,12 @@ INTERNAL = ["center_of_mass", "center_velocity"]
 seeds = st.integers(0, 10**6)
 patient = settings(max_examples=examples(30))
 
-_STEPS = {
-    ca.OP_ADD: lambda a, b: a + b,
-    ca.OP_SUB: lambda a, b: a - b,
-    ca.OP_MUL: lambda a, b: a * b,
-    ca.OP_DIV: lambda a, b: a / b,
-    ca.OP_NEG: lambda a: -a,
-    ca.OP_INV: lambda a: 1 / a,
-    ca.OP_SQ: lambda a: a**2,
-    ca.OP_TWICE: lambda a: 2 * a,
-    ca.OP_ASSIGN: lambda a: a,
-}
-
 
 def in_sympy(model: Model, expression: ca.SX) -> tuple[Any, dict[str, list[Any]]]:
     """The expression and the model's symbols by name; masses and the like are positive."""
-    signals = {s.name: s.symbol for s in (*model.x, *model.u, *model.p)}
-    signals["contact"] = model.forces
-    positive = {"mass", "stiffness", "damping", "drag"}
-    known = {
-        name: [
-            sp.Symbol(f"{name}{i}", real=True, positive=True if name in positive else None)
-            for i in range(symbol.numel())
-        ]
-        for name, symbol in signals.items()
-    }
-    function = ca.Function("f", list(signals.values()), [ca.densify(expression)])
-    work: list[Any] = [None] * function.sz_w()
-    found = [sp.Integer(0)] * expression.numel()
-    names = list(signals)
-    steps: Any = function
-    for k in range(function.n_instructions()):
-        op, i, o = (f(k) for f in (steps.instruction_id, steps.instruction_input,
-                                   steps.instruction_output))  # fmt: skip
-        if op == ca.OP_INPUT:
-            work[o[0]] = known[names[i[0]]][i[1]]
-        elif op == ca.OP_OUTPUT:
-            found[o[1]] = work[i[0]]
-        elif op == ca.OP_CONST:
-            work[o[0]] = sp.nsimplify(function.instruction_constant(k))
-        else:
-            work[o[0]] = _STEPS[op](*(work[j] for j in i))
-    return sp.Matrix(*expression.shape[::-1], found).T, known
+    symbols = Symbols.of(model, positive=("mass", "stiffness", "damping", "drag"))
+    names = [*(s.name for s in (*model.x, *model.u, *model.p)), "contact"]
+    return symbols(expression), {name: list(symbols.column(name)) for name in names}
 
 
 @cache
