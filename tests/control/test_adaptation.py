@@ -33,9 +33,8 @@ def puppet(law: Adaptation, pieces: Sequence[tuple[float, float]], **options: An
     """
     q, v, u = ca.SX.sym("q"), ca.SX.sym("v"), ca.SX.sym("u")
     x = [Signal("position", q, value=0.0), Signal("velocity", v, value=0.0)]
-    plant = Model(
-        "puppet", x, ca.vertcat(v, 0 * u), u=[Signal("input", u)], outputs=[Output("length", q)]
-    )
+    outputs = [Output("length", q)]
+    plant = Model("puppet", x, ca.vertcat(v, 0 * u), u=[Signal("input", u)], outputs=outputs)
     t, e = np.array(pieces).T
     polynomial = np.stack([-e[:-1], -np.diff(e) / np.diff(t)], axis=1)[:, None, :]
     reference = gait_reference(Gait(t, polynomial), plant.t)

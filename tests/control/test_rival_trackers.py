@@ -230,10 +230,9 @@ def test_backstepping_tracks_by_small_gains(mass: float, stiffness: float, lam: 
 
 def test_an_error_that_starts_at_the_edge_of_its_funnel_is_refused():
     plant, wide = worm(position=(4.5, 2.0, 0.0)), Funnel(9.0, 9.0, 1.0)
+    funnel = Funnel(0.5, 0.5, 1.0)
     with pytest.raises(ArgumentError, match=r"starts at 0\.5, outside"):
-        funnel_tracker(
-            plant, STILL, funnel=Funnel(0.5, 0.5, 1.0), rate_funnel=wide, law="two gains"
-        )
+        funnel_tracker(plant, STILL, funnel=funnel, rate_funnel=wide, law="two gains")
     least = Funnel(np.nextafter(0.5, 1.0), 0.5, 1.0)
     loop = funnel_tracker(plant, STILL, funnel=least, rate_funnel=wide, law="two gains")
     assert [signal.value for signal in loop.p if signal.name == "gain"] == [1.0]  # as none is said

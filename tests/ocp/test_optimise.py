@@ -335,9 +335,8 @@ def test_a_replay_takes_nothing_from_the_optimiser_but_start_and_inputs():
     (motion,) = replay(found.motion, dense=True)
     t = np.linspace(0, found.motion.duration, 50)
     assert motion.at(t).states == pytest.approx(found.motion.states(t), abs=1e-9)
-    spoilt = replace(
-        found.motion, arcs=replace(found.motion.arcs, points=found.motion.arcs.points * 1.01)
-    )
+    arcs = replace(found.motion.arcs, points=found.motion.arcs.points * 1.01)
+    spoilt = replace(found.motion, arcs=arcs)
     assert difference(spoilt) > 1e-2
 
 
@@ -380,9 +379,7 @@ def switching(pins):
     x, w, begin, t = (ca.SX.sym(name) for name in ("x", "w", "begin", "t"))
     pieces = Schedule("wind", w, begin, np.array([0.0, 1.0, 9.0]), np.array([[1.0], [5.0]]))
     u = ca.SX.sym("u")
-    model = Model(
-        "leaf", x=[Signal("x", x)], ode=w + 0 * u, t=t, u=[Signal("u", u)], schedules=[pieces]
-    )
+    model = Model("leaf", [Signal("x", x)], w + 0 * u, t=t, u=[Signal("u", u)], schedules=[pieces])
     ends = Ends.of(model)
     at_ends = [Constraint("start", ends.start, 0, 0), Constraint("end", ends.end, 2, 2)]
     problem = Problem(model, ends, ends.duration, (0.1, 5.0), boundary_constraints=at_ends)

@@ -402,9 +402,8 @@ def test_a_guard_that_jumps_at_the_very_end_fires(route: Route):
     x, u, begin = (ca.SX.sym(name) for name in ("x", "u", "begin"))
     steps = Schedule("u", u, begin, np.array([0.0, 1.0, 2.0]), np.array([[-1.0], [1.0]]))
     switches = [Switch("on", u, x + 1)]
-    model = Model(
-        "late", [Signal("x", x, value=0.0)], ca.SX(1), switches=switches, schedules=[steps]
-    )
+    states = [Signal("x", x, value=0.0)]
+    model = Model("late", states, ca.SX(1), switches=switches, schedules=[steps])
     for span, fired in ((1.0, 1), (0.999, 0)):
         motion = simulate(model, span, route=route)
         assert kinds(motion) == fired * [("on", "switch")]
@@ -444,9 +443,8 @@ def meeting() -> Model:
 def test_bodies_that_go_on_as_one_do_not_meet_again_by_rounding(route: Route):
     """Velocities differ by the last digit or not at all; when places do too, nothing is asked."""
     for m, v, w in np.random.default_rng(0).uniform([0.1, 1, -1], [3, 3, 0.5], (40, 3)):
-        motion = simulate(
-            meeting(), 1 / (v - w) + 0.2, route=route, p={"m": m}, x0={"v": v, "w": w}
-        )
+        x0 = {"v": v, "w": w}
+        motion = simulate(meeting(), 1 / (v - w) + 0.2, route=route, p={"m": m}, x0=x0)
         assert [event.time for event in motion.events] == [pytest.approx(1 / (v - w), rel=1e-12)]
         assert motion.end[2:] == pytest.approx((v + m * w) / (1 + m), rel=1e-12)
 
@@ -485,9 +483,8 @@ def test_a_ball_bounces_as_high_up_as_on_the_ground(set_down: bool, floor: float
 
     The spot is exact to the last digit of the height only, and so are the times.
     """
-    motion = simulate(
-        falling_ball(set_down), 1.98, route=route, x0={"h": floor}, p={"floor": floor}
-    )
+    p = {"floor": floor}
+    motion = simulate(falling_ball(set_down), 1.98, route=route, x0={"h": floor}, p=p)
     times = 2 - 0.5 ** np.arange(6.0)
     expected = times[times < 1.98]
     found = [event.time for event in motion.events]
@@ -538,9 +535,8 @@ def test_a_height_that_a_ball_just_about_reaches_is_reached_once_or_not(route: R
     h, v, top = (ca.SX.sym(name) for name in ("h", "v", "top"))
     states = [Signal("h", h, value=0.0), Signal("v", v, value=1.0)]
     reached = Switch("reached", h - top, ca.vertcat(h, v))
-    model = Model(
-        "thrown", states, ca.vertcat(v, -2), p=[Signal("top", top, value=1.0)], switches=[reached]
-    )
+    numbers = [Signal("top", top, value=1.0)]
+    model = Model("thrown", states, ca.vertcat(v, -2), p=numbers, switches=[reached])
     for speed in np.linspace(1, 2, 40 if route == "native" else 3):
         for digits in range(-40, 40, 2 if route == "native" else 8):
             p = {"top": speed**2 / 4 + digits * 2.77e-17}

@@ -304,8 +304,7 @@ def test_a_relay_with_a_delay_turns_where_it_did(remembers: str, route: Route):
     """x' = -sign x(t - 1) from 0.5 falls to -1, and goes between -1 and 1 ever after."""
     x, past = ca.SX.sym("x"), ca.SX.sym("past")
     signal, ode = (ca.sign(x), -past) if remembers == "sign" else (x, -ca.sign(past))
-    model = Model(
-        "relay", [Signal("x", x, value=0.5)], ode, delays=[Delay("past", past, signal, 1.0)]
-    )
+    delays = [Delay("past", past, signal, 1.0)]
+    model = Model("relay", [Signal("x", x, value=0.5)], ode, delays=delays)
     motion = simulate(model, 6.0, times=[1.5, 3.5, 6.0], route=route)
     assert motion.states[0] == pytest.approx([-1.0, 1.0, -0.5], abs=1e-8)

@@ -133,9 +133,8 @@ def test_implicit_integrators_keep_the_motion_too():
 def test_delay_equations_keep_all_stretches(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(simulating, "_KEPT", 100)
     past = ca.SX.sym("past")
-    model = Model(
-        "lagging", [Signal("x", x, value=1.0)], -past, delays=[Delay("past", past, x, lag=1.0)]
-    )
+    delays = [Delay("past", past, x, lag=1.0)]
+    model = Model("lagging", [Signal("x", x, value=1.0)], -past, delays=delays)
     motion = simulate(model, 3.0)
     assert 50 <= len(motion.time) <= 101
     first = motion.time <= 1
@@ -152,9 +151,8 @@ def test_members_of_an_ensemble_share_their_instants():
 
 def test_derivatives_are_kept_with_their_states():
     rate = ca.SX.sym("rate")
-    decay = Model(
-        "decay", [Signal("x", x, value=1.0)], -rate * x, p=[Signal("rate", rate, value=1.0)]
-    )
+    numbers = [Signal("rate", rate, value=1.0)]
+    decay = Model("decay", [Signal("x", x, value=1.0)], -rate * x, p=numbers)
     motion = simulate(decay, 2.0, sensitivities=["rate"])
     assert motion.derivative("x")[0, 0] == pytest.approx(
         -motion.time * np.exp(-motion.time), abs=1e-9

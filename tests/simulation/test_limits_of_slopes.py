@@ -46,9 +46,8 @@ def test_so_it_has_in_any_direction_and_unit(route: Route, seed: int, unit: floa
     way *= unit**2 / np.linalg.norm(way)  # so that the last speed is the unit
     p = {"k": rate / unit, "push": way}
     sizes = Tolerance(absolute=1e-12 * unit)
-    motion = simulate(
-        FALL, end, p=p, sensitivities={"k": {"k": [p["k"]]}}, route=route, tolerance=sizes
-    )
+    sensitivities = {"k": {"k": [p["k"]]}}
+    motion = simulate(FALL, end, p=p, sensitivities=sensitivities, route=route, tolerance=sizes)
     expected = way / unit * rate * end / np.cosh(rate * end) ** 2
     assert motion.end_derivative[:, 0] == pytest.approx(expected, rel=1e-7, abs=1e-8 * unit)
 

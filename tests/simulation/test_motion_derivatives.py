@@ -73,9 +73,8 @@ def test_a_block_that_is_thrown_stops_as_energy_says(route: Any):
 def test_a_growing_load_lets_go_when_stiction_says(route: Any):
     """At rest until load t = 3 = 2 F, then m v' = load t - F."""
     model, t = block(lambda t, load: load * t, speed=0.0), 14.0
-    sampled = simulate(
-        model, t, sensitivities=["load", "friction", "mass"], route=route, times=[6.0, t]
-    )
+    sensitivities = ["load", "friction", "mass"]
+    sampled = simulate(model, t, sensitivities=sensitivities, route=route, times=[6.0, t])
     (release,) = sampled.events
     a, f, m = 0.25, 1.5, 3.0
     s = 2 * f / a

@@ -479,9 +479,8 @@ def test_numbers_of_a_law_are_checked_when_they_are_parameters():
     F = ca.SX.sym("F")
     states = [Signal("position", r, value=0.0), Signal("velocity", v, value=1.0)]
     ground = Contact("mass", v, f, Elliptic(F, F, F))
-    model = Model(
-        "block", states, ca.vertcat(v, f), p=[Signal("F", F, value=1.0)], contacts=[ground]
-    )
+    numbers = [Signal("F", F, value=1.0)]
+    model = Model("block", states, ca.vertcat(v, f), p=numbers, contacts=[ground])
     assert stops(simulate(model, 3.0)) == pytest.approx([np.sqrt(2)], abs=1e-9)
     assert stops(simulate(model, 3.0, p={"F": 2.0})) == pytest.approx([np.sqrt(0.5)], abs=1e-9)
     with pytest.raises(ArgumentError, match="positive"):

@@ -214,9 +214,8 @@ def test_cvodes_is_right_or_refuses(v_reg: float, relative: float):
     model = sine_worm(Coulomb(1.0, 10.0))
     exact = simulate(model, 10.0, tolerance=SHARP, route="native")
     tolerance = Tolerance(relative, 0.1 * relative)
-    motion, code = attempted(
-        model, 10.0, contact=Smooth(v_reg), tolerance=tolerance, route="cvodes"
-    )
+    contact = Smooth(v_reg)
+    motion, code = attempted(model, 10.0, contact=contact, tolerance=tolerance, route="cvodes")
     if code:
         assert code == "layer_not_resolved"
         assert v_reg < 1e-6
@@ -306,9 +305,8 @@ def test_sundials_says_what_it_cannot(model: Model, options: dict, words: str):
 
 
 def test_contacts_that_never_rest_need_no_smoothing():
-    worm = chain(
-        1, mass=1.0, stiffness=5.0, damping=0.0, rest_length=1.0, law=Viscous(0.5), velocity=1
-    )
+    law = Viscous(0.5)
+    worm = chain(1, mass=1.0, stiffness=5.0, damping=0.0, rest_length=1.0, law=law, velocity=1)
     a, b = (simulate(worm, 3.0, route=route) for route in ("native", "cvodes"))
     assert b.end == pytest.approx(a.end, abs=1e-9)
 

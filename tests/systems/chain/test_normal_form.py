@@ -39,9 +39,8 @@ def in_sympy(model: Model, expression: ca.SX) -> tuple[Any, dict[str, list[Any]]
 
 @cache
 def form_of(links: int) -> NormalForm:
-    worm = chain(
-        links, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, law=Coulomb(1.0, 2.0)
-    )
+    law = Coulomb(1.0, 2.0)
+    worm = chain(links, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, law=law)
     return normal_form(worm, output="length", internal=INTERNAL)
 
 
@@ -245,9 +244,8 @@ def test_held_lengths_are_followed_by_the_whole_chain():
                  drag=[0.1, 0.4, 0.2, 0.3], load=0.2)  # fmt: skip
     form = normal_form(worm, output="length", internal=INTERNAL)
     u = pack(worm.u)
-    held = replace(
-        worm, u=(), ode=ca.substitute(worm.ode, u, -ca.solve(form.gain, form.drift)), outputs=()
-    )
+    ode = ca.substitute(worm.ode, u, -ca.solve(form.gain, form.drift))
+    held = replace(worm, u=(), ode=ode, outputs=())
     whole = simulate(held, 2.0, x0={"velocity": 1.5})
     rest = simulate(form.zero_dynamics(), 2.0, x0={"center_of_mass": 0.0, "center_velocity": 1.5})
     assert whole["velocity"][:, -1] == pytest.approx([rest["center_velocity"][0, -1]] * 4, rel=1e-9)

@@ -82,9 +82,8 @@ def test_the_steady_motion_at_the_chapters_data():
 def test_the_closed_form_is_at_rest_in_its_steady_motion():
     closed = steady_pair(0.3, 0.8, -0.7)
     eps = 0.01
-    model = averaged_pair(
-        law=Coulomb(0.3 * eps, 0.8 * eps), push=eps, frequency=NATURAL - 0.7 * eps
-    )
+    law = Coulomb(0.3 * eps, 0.8 * eps)
+    model = averaged_pair(law=law, push=eps, frequency=NATURAL - 0.7 * eps)
     rates = Rates(model)
     swing = closed.amplitude * np.array([math.cos(closed.lag), math.sin(closed.lag)])
     x = np.array([[closed.velocity, *swing]])
