@@ -53,6 +53,12 @@ def ready(workers: Workers) -> None:
         assert time.monotonic() - begin < 60
 
 
+def designing(folder: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
+    kwargs = {"start_new_session": True, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+    return subprocess.Popen([*command, "-o", str(folder)], text=True, **kwargs)
+
+
 @pytest.fixture(scope="module")
 def pool() -> Iterator[Workers]:
     """Two that are ready."""
@@ -140,9 +146,7 @@ def test_executors_of_others_are_left_alone():
 )
 def test_an_interrupt_at_any_time_leaves_no_traceback_of_processes(tmp_path: Path, delay: float):
     """As Ctrl-C sends it, to all processes of the terminal; also while they are starting."""
-    command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
-    kwargs = {"start_new_session": True, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
-    with subprocess.Popen([*command, "-o", str(tmp_path / "r")], text=True, **kwargs) as run:
+    with designing(tmp_path / "r") as run:
         time.sleep(delay)
         os.killpg(run.pid, signal.SIGINT)
         _, told = run.communicate(timeout=60)
@@ -153,9 +157,7 @@ def test_an_interrupt_at_any_time_leaves_no_traceback_of_processes(tmp_path: Pat
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGTERM")
 def test_whoever_is_asked_to_end_saves_what_there_is_and_leaves_no_process(tmp_path: Path):
-    command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
-    kwargs = {"start_new_session": True, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
-    with subprocess.Popen([*command, "-o", str(tmp_path / "r")], text=True, **kwargs) as run:
+    with designing(tmp_path / "r") as run:
         time.sleep(8)
         run.send_signal(signal.SIGTERM)
         _, told = run.communicate(timeout=60)
