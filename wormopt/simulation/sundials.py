@@ -14,6 +14,7 @@ was resolved, and 200 to 40000 tolerances otherwise.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -127,6 +128,19 @@ class _Run:
     n_rejected: int = 0
     n_evaluations: int = 0
     kept: list[np.ndarray] = field(default_factory=list)  # rows of time and state, if requested
+    jacobian: ca.Function | None = None
+
+    @cached_property
+    def system(self) -> dict[str, ca.MX]:
+        """The equations as one call: its Jacobian is made once for all integrators of the run."""
+        given = _scaled(self.task)
+        names, found = ["t", "x", "z", "p", "u"], ["ode", "alg"]
+        varied = {"jac_penalty": 0, "is_diff_in": [name in ("x", "z") for name in names]}
+        inputs, outputs = [given[name] for name in names], [given[name] for name in found]
+        call = ca.Function("dae", inputs, outputs, names, found, varied)
+        self.jacobian = call.jacobian()  # CasADi keeps it only while somebody does
+        symbols = {name: ca.MX.sym(name, *call.size_in(name)) for name in names}
+        return symbols | call(**symbols)
 
     def agreed(self, other: _Run) -> int:
         """Number of points of time up to which two runs agree."""
@@ -227,7 +241,7 @@ def _solver(run: _Run, first: int, end: int) -> ca.Function:
     if _plugin(task) == "cvodes":  # otherwise it never returns where the motion ends
         options["min_step_size"] = 1e-15 * max(abs(times[0]), abs(times[-1]))
     outputs = _outputs(run, first, end).tolist()
-    return ca.integrator("solver", _plugin(task), _scaled(task), times[first], outputs, options)
+    return ca.integrator("solver", _plugin(task), run.system, times[first], outputs, options)
 
 
 def _outputs(run: _Run, first: int, end: int) -> np.ndarray:
