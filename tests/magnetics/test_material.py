@@ -31,7 +31,7 @@ from wormopt.magnetics.material import (
     field_strain,
     softening,
 )
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.coils import material as study

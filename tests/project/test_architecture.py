@@ -42,7 +42,7 @@ GROUPS = {
     },
     "engine": {"simulation", "control", "ocp", "analysis", "magnetics", "fitting"},
     "study": {"study"},
-    "plotting": {"plotting"},
+    "pictures": {"pictures", "plotting"},
     "systems": {"systems"},
     "face": {"runner", "sweeps", "exports", "reports", "cli", "__main__", "__init__"},
 }
@@ -51,9 +51,9 @@ BELOW: dict[str, set[str]] = {
     "base": {"ground"},
     "engine": {"ground", "base"},
     "study": {"ground", "base"},
-    "plotting": {"ground", "base"},
-    "systems": {"ground", "base", "engine", "study", "plotting"},
-    "face": {"ground", "base", "engine", "study", "systems", "plotting"},
+    "pictures": {"ground", "base"},
+    "systems": {"ground", "base", "engine", "study", "pictures"},
+    "face": {"ground", "base", "engine", "study", "systems", "pictures"},
 }
 # Which systems a system may use; all may use what they share.
 USES: dict[str, set[str]] = {
@@ -262,7 +262,7 @@ def test_the_groups_name_every_room():
 FILES = """__init__ cli errors model/__init__ model/model ocp/__init__ ocp/nlp control/__init__
     control/lqr study/__init__ study/types systems/__init__ systems/film/__init__ systems/film/run
     systems/chain/__init__ systems/chain/model systems/block/__init__ systems/block/run
-    plotting/__init__"""
+    pictures/__init__"""
 
 
 @pytest.mark.parametrize(

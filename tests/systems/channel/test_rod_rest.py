@@ -14,7 +14,7 @@ from outcomes import value
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.progress import silent
 from wormopt.result import Check, Result
 from wormopt.study import load_scene

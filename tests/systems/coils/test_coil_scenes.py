@@ -17,7 +17,7 @@ from wormopt.magnetics.coils import Coil, CoilRow, field_by_quadrature
 from wormopt.magnetics.material import MU0
 from wormopt.magnetics.travelling import MovingProfile
 from wormopt.ocp.nlp import Ipopt
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.coils import coil_inverse, coil_row, row_currents

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
 from wormopt.systems.peristaltic.anchored.fastest import AnchorLimits, fastest, fastest_of_order
 from wormopt.systems.peristaltic.anchored.gait import anchored_wave, anchors_needed

@@ -23,8 +23,8 @@ from places import SAVED
 import wormopt as wo
 from tests.results.make import SCENES as SAVED_SCENES
 from wormopt.kinds import KINDS
-from wormopt.plotting import draw, figure
-from wormopt.plotting.parts import LINKS, stretches
+from wormopt.pictures import draw, figure
+from wormopt.pictures.style import LINKS, stretches
 from wormopt.quantities import Scalar
 from wormopt.result import Result
 

@@ -1,0 +1,282 @@
+"""Pictures of results, from the names of their variables and scalars only.
+
+The registry of kinds lists them; each is loaded when it is drawn.
+"""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import IO, Any
+
+from matplotlib import rc_context
+from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
+
+from wormopt.errors import ArgumentError
+from wormopt.files import MARK, MOVING, STILL, sealed
+from wormopt.kinds import kind_of
+from wormopt.pictures.page import FACTS, Animation
+from wormopt.pictures.style import GREY, INCH, PAGE, RED, STYLE, visible, wrapped
+from wormopt.result import Result
+
+_DPI, _FILM_DPI = 200, 100
+_FRAMES_PER_SECOND = 12
+_EDGE = 0.05  # margin around a heading, in inches
+_LETTER = 0.057  # width of a letter of a label, in inches
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Comment": MARK},
+    "svg": {"Date": None, "Description": MARK},
+    "pdf": {"CreationDate": None, "Subject": MARK},
+}
+
+
+def pictures_of(result: Result) -> Mapping[str, str]:
+    """Pictures of results of this kind, with their functions, "module:function"."""
+    kind = kind_of(result)
+    return kind.pictures if kind else {}
+
+
+def figure(
+    result: Result,
+    picture: str,
+    *,
+    width: float | None = None,
+    height: float | None = None,
+    title: bool = True,
+) -> Figure:
+    """Compose a picture; `save` writes it. Parameters and errors are those of `draw`.
+
+    An animation gives its first frame. A failed result is always marked.
+    """
+    for name, size in (("width", width), ("height", height)):
+        if size is not None and not 30 <= size <= 2000:
+            raise ArgumentError(f"{name} is in mm, from 30 to 2000, not {size:g}")
+    inches = (width or PAGE) / INCH
+    with _style(), rc_context({"figure.figsize": (inches, 0.62 * inches)}):
+        drawn = _composer(result, picture)(result)
+        drawn.align_ylabels()
+        _entitle(drawn, result, height and height / INCH, title)
+        _fit(drawn)
+    return drawn
+
+
+def draw(
+    result: Result,
+    picture: str,
+    path: str | Path,
+    *,
+    width: float | None = None,
+    height: float | None = None,
+    title: bool = True,
+) -> None:
+    """Write a picture to a file, which appears only when it is complete.
+
+    Parameters
+    ----------
+    result : Result
+        What to show.
+    picture : str
+        A word that `want` can hold in scenes of the result's kind.
+    path : path
+        A name in a folder that exists, with the suffix ``.png``, ``.pdf`` or ``.svg``; of an
+        animation ``.gif`` too, or ``.mp4`` where ffmpeg is installed.
+    width : float, optional
+        In mm: 180 is a page (as is None), 85 one of two columns. Text keeps its size.
+    height : float, optional
+        In mm; by default as much as the picture needs.
+    title : bool
+        Whether the title of the result and facts in numbers stand above.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such picture, or it cannot be written in such a file.
+    UnknownNameError
+        Naming what the picture needs and the result lacks; a KeyError.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from wormopt.result import Variable
+    >>> columns = {"front_speed": [0.5, 0.7], "front_value": [12.0, 20.0], "front_accepted": [1, 0]}
+    >>> points = [Variable(name, "1", ("point",), column) for name, column in columns.items()]
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "front.pdf"
+    ...     draw(Result("trade", "gait-pareto", variables=tuple(points)), "front", path, width=85)
+    ...     path.read_bytes()[:4]
+    b'%PDF'
+    """
+    path = Path(path)
+    moves = _composer(result, picture)
+    form = _form(path, moves=isinstance(moves, Animation) or moves.__name__ == "first_frame")
+    drawn = figure(result, picture, width=width, height=height, title=title)
+    unfinished = path.with_name(f".unfinished-{path.name}")
+    try:
+        if form in MOVING:
+            _film(result, moves, drawn, unfinished)
+        else:
+            save(drawn, unfinished, form)
+        unfinished.write_bytes(sealed(unfinished.read_bytes()))
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def save(drawn: Figure, target: Path | IO[bytes], form: str) -> None:
+    """Write a figure as "png", "pdf" or "svg" to a file, the same bytes each time."""
+    with _style():
+        _lay_out(drawn, _DPI)
+        drawn.savefig(target, format=form, dpi=_DPI, metadata=_METADATA[form])
+
+
+def _lay_out(drawn: Figure, dpi: float) -> None:
+    """Lay a figure out with rounded positions: the last digits of the solver vary."""
+    drawn.set_dpi(dpi)
+    drawn.draw_without_rendering()
+    drawn.set_layout_engine("none")
+    for axes in drawn.axes:
+        place = axes.get_position(original=True).bounds
+        axes.set_position([round(part, 6) for part in place], which="original")  # pyright: ignore[reportArgumentType]
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    with rc_context(STYLE), warnings.catch_warnings():
+        # a title may have letters that the font lacks
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        yield
+
+
+def _composer(result: Result, picture: str) -> Callable[[Result], Figure]:
+    """Load the function that composes a picture."""
+    pictures = pictures_of(result)
+    if picture not in pictures:
+        raise ArgumentError(no_picture(result, picture))
+    module, _, compose = pictures[picture].partition(":")
+    return getattr(import_module(module), compose)
+
+
+def no_picture(result: Result, picture: str) -> str:
+    """Message that there is no such picture, with a list of those there are."""
+    from difflib import get_close_matches
+
+    pictures = pictures_of(result)
+    close = get_close_matches(picture, pictures, 1)
+    hint = f"; did you mean {close[0]}? There are:" if close else "; there are:"
+    there = ", ".join(pictures) or "none"
+    return f"no picture {picture!r} of kind {result.kind}{hint} {there}"
+
+
+def _form(path: Path, *, moves: bool) -> str:
+    """Format of a file, by its suffix."""
+    form = path.suffix.lower().removeprefix(".")
+    if form not in (*STILL, *(MOVING if moves else ())):
+        those = ", ".join(f".{name}" for name in (*STILL, *(MOVING if moves else ())))
+        why = "only an animation moves" if form in MOVING else f"no format {form or 'by no suffix'}"
+        raise ArgumentError(f"{path.name}: {why}; write {those}")
+    if form == "mp4" and not shutil.which("ffmpeg"):
+        raise ArgumentError(f"{path.name}: MP4 needs ffmpeg, which is not on PATH; install it "
+                            "(apt install ffmpeg, brew install ffmpeg), or write .gif")  # fmt: skip
+    return form
+
+
+def _entitle(drawn: Figure, result: Result, height: float | None, title: bool) -> None:
+    """Put title and facts above a picture, whose height grows unless it is given."""
+    canvas = FigureCanvasAgg(drawn)
+    known = [text for text in drawn.texts if text.get_label() == FACTS]
+    facts = "; ".join(text.get_text() for text in known)
+    for text in known:
+        text.remove()
+    rows: list[tuple[Sequence[str], str, dict[str, Any]]] = []
+    if title:
+        words = (result.title or result.scene).split()
+        rows.append((words, " ", {"size": 9.5, "weight": "bold", "parse_math": False}))
+    if result.status == "failed":
+        words = f"failed: {result.reason or 'no reason given'}".split()
+        rows.append((words, " ", {"color": RED, "weight": "bold", "parse_math": False}))
+        drawn.set_facecolor("#FDF0EC")
+    if title and facts:
+        rows.append((facts.split("; "), "; ", {"color": GREY, "size": 7.5}))
+    whole = height or drawn.get_figheight()
+    down, room, texts = _EDGE, 0.95 * drawn.get_figwidth() - _EDGE, []
+    for parts, between, style in rows:
+        text = drawn.text(0, 1, "", va="top", linespacing=1.15, **style)
+        _break(text, parts, between, room * drawn.dpi)
+        texts.append((text, down))
+        down += text.get_window_extent(canvas.get_renderer()).height / drawn.dpi + _EDGE
+    if height is None and rows:
+        whole += down
+    drawn.set_figheight(whole)
+    for text, above in texts:
+        text.set_position((_EDGE / drawn.get_figwidth(), 1 - above / whole))
+    engine = drawn.get_layout_engine()
+    if rows and isinstance(engine, ConstrainedLayoutEngine):
+        engine.set(rect=(0, 0, 1, 1 - down / whole))
+
+
+def _fit(drawn: Figure) -> None:
+    """Break labels that are longer than their axes into lines."""
+    inches = drawn.get_size_inches()
+    named = [(axes, across, text) for axes in drawn.axes for across, text in
+             enumerate((axes.yaxis.label, axes.xaxis.label)) if text.get_visible()]  # fmt: skip
+    # to lay a picture out takes longer than all else: only for labels that may be too long
+    if all(
+        _LETTER * _longest(text) < 0.8 * (axes.get_position().size * inches)[1 - across]
+        for axes, across, text in named
+    ):
+        return
+    drawn.draw_without_rendering()
+    for axes, across, text in named:
+        length, most = text.get_window_extent().size[1 - across], axes.bbox.size[1 - across]
+        if length > most > 0:
+            text.set_text(wrapped(text.get_text(), max(8, _longest(text) * most / length)))
+
+
+def _longest(text: Text) -> int:
+    """Letters of the longest line of a text."""
+    return max(map(visible, text.get_text().split("\n")))
+
+
+def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
+    """Break words or facts into lines no longer than `room`, in pixels."""
+
+    def fits(line: str) -> bool:
+        text.set_text(line)
+        return text.get_window_extent().width <= room
+
+    lines = [""]
+    for part in parts:
+        # words of a fact that is longer than a line
+        for k, piece in enumerate([part] if fits(part) else part.split(" ")):
+            joint = (" " if k else between) if lines[-1] else ""
+            if fits(lines[-1] + joint + piece):
+                lines[-1] += joint + piece
+            else:
+                lines.append(piece)
+    text.set_text("\n".join(lines).strip())
+
+
+def _film(result: Result, moves: Any, drawn: Figure, path: Path) -> None:
+    film = FFMpegWriter if path.suffix == ".mp4" else PillowWriter
+    writer = film(fps=_FRAMES_PER_SECOND)
+    with _style(), writer.saving(drawn, path, dpi=_FILM_DPI):
+        _lay_out(drawn, _FILM_DPI)  # once: nothing shifts from frame to frame
+        if not isinstance(moves, Animation):
+            module = import_module(moves.__module__)
+            for frame in range(module.FRAMES):
+                module.pose(drawn, result, frame)
+                writer.grab_frame()
+            return
+        for frame in range(moves.frames):
+            moves.show(drawn, frame)
+            writer.grab_frame()
