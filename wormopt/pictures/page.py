@@ -115,9 +115,15 @@ class Page:
         )  # fmt: skip
         return [self._made(axes) for axes in drawn[:, 0]]
 
-    def grid(self, down: int, across: int, **more: Any) -> list[list[Panel]]:
-        """Panels in rows and columns, with options of Matplotlib's ``subplots``."""
-        drawn = self.drawn.subplots(down, across, squeeze=False, **more)
+    def grid(self, down: int, across: int, within: Any = None, **more: Any) -> list[list[Panel]]:
+        """Panels in rows and columns of the sheet or of a place in a grid.
+
+        More are options of Matplotlib's ``subplots``.
+        """
+        if within is None:
+            drawn = self.drawn.subplots(down, across, squeeze=False, **more)
+        else:
+            drawn = within.subgridspec(down, across).subplots(squeeze=False, **more)
         return [[self._made(axes) for axes in row] for row in drawn]
 
     def beside(self, count: int, **more: Any) -> list[Panel]:

@@ -32,7 +32,7 @@ from wormopt.systems.planar.path.search import Looked, Route, SearchOptions, rou
 from wormopt.systems.planar.path.simulate import least_distance, simulate_path
 from wormopt.systems.planar.path.steps import Family, GaitStep, Library, chained
 from wormopt.systems.planar.path.task import Corridor, Cost, PathTask, Tolerance, cost_of
-from wormopt.systems.planar.plots.path import path
+from wormopt.systems.planar.pictures import path
 
 SEEDS = st.integers(0, 2**32 - 1)
 WORM, REST = chain_shape(2), (0.6, 0.6, 0.0)
