@@ -91,6 +91,10 @@ class Page:
             return variable.values if times == 1 else times * variable.values
         return self.result.attributes.get(name)
 
+    def length(self, name: str) -> Any:
+        """Attribute that is a length, or several, in metres, in the unit shown."""
+        return self._shown("m")[1] * np.array(self[name])
+
     def unit(self, name: str) -> str:
         """Unit in which a variable or scalar is shown."""
         return self._shown(self.result[name].unit)[0]

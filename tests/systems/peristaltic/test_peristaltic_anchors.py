@@ -16,7 +16,7 @@ from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
 from wormopt.systems.peristaltic.anchored.fastest import AnchorLimits, fastest, fastest_of_order
 from wormopt.systems.peristaltic.anchored.gait import anchored_wave, anchors_needed
 from wormopt.systems.peristaltic.anchored.quasi_static import common_velocity, slides
-from wormopt.systems.peristaltic.plots.anchored import FRAMES, pose
+from wormopt.systems.peristaltic.pictures import animation_of_anchors
 from wormopt.systems.peristaltic.segment.segment import Anchoring, Segment, Tube
 from wormopt.systems.spiked.ceiling import ceiling as ceiling_of_spikes
 from wormopt.systems.spiked.construct import block_wave
@@ -263,7 +263,7 @@ def test_the_worm_moves_in_its_picture():
     drawn = figure(result, "animation")
     (axes,) = drawn.axes
     before = axes.dataLim.x1
-    pose(drawn, result, FRAMES - 1)
+    animation_of_anchors.show(drawn, animation_of_anchors.frames - 1)
     assert axes.dataLim.x1 > before
 
 

@@ -129,9 +129,7 @@ def _rod(panel: Panel) -> None:
     """Draw the whole rod at rest, active coils, and wall forces."""
     page, axes = panel.page, panel.axes
     wide, radius, count = page["channel"], page["body"] / 2, page["coils_on"]
-    pitch, clearance, outer = (
-        1e3 * page[name] for name in ("pitch", "coil_clearance", "coil_outer")
-    )
+    pitch, clearance, outer = map(page.length, ("pitch", "coil_clearance", "coil_outer"))
     # nodes represent different lengths, so the drawn forces are forces per length
     share = _raw(page, "rod_node_length")
     forces = {wall: _raw(page, f"rod_force_{wall}_at") / share for wall in ("upper", "lower")}
@@ -220,7 +218,7 @@ def _snapshots(panel: Panel) -> None:
     """Draw channel and rod at equal times over one repeat of the pattern, time downward."""
     page, frames = panel.page, panel.page["frame"]
     chosen = np.linspace(len(frames) // 2, len(frames) - 1, _SNAPSHOTS).astype(int)
-    lanes = 2.3 * _known(page, "channel")
+    lanes = 2.3 * page.length("channel")
     low, high = _reach(page, chosen)
     for k, frame in enumerate(chosen):
         _scene(panel, int(frame), -k * lanes, (low, high))
@@ -233,20 +231,15 @@ def _snapshots(panel: Panel) -> None:
 
 def _reach(page: Page, frames: np.ndarray) -> tuple[float, float]:
     """Return the range of positions to draw, in mm."""
-    x, pitch = page["rod_x"][frames], _known(page, "pitch")
+    x, pitch = page["rod_x"][frames], page.length("pitch")
     return x.min() - 0.8 * pitch, x.max() + 0.8 * pitch
-
-
-def _known(page: Page, name: str) -> Any:
-    """An attribute in mm."""
-    return 1e3 * np.array(page.result.attributes[name])
 
 
 def _scene(panel: Panel, frame: int, height: float, reach: tuple[float, float]) -> None:
     """Draw walls, coils and rod of one frame, the middle of the channel at a height, in mm."""
     page, axes = panel.page, panel.axes
-    half, pitch = _known(page, "channel") / 2, _known(page, "pitch")
-    _, outer, length, clearance = _known(page, "coil")
+    half, pitch = page.length("channel") / 2, page.length("pitch")
+    _, outer, length, clearance = page.length("coil")
     first, count = page["first_coil"][frame], page["coils_on"][frame]
     shown = min(length, 0.5 * half)
     for k in range(int(reach[0] // pitch) - 1, int(reach[1] // pitch) + 2):
@@ -260,7 +253,7 @@ def _scene(panel: Panel, frame: int, height: float, reach: tuple[float, float]) 
     x, y, angle = (page[f"rod_{name}"][frame] for name in ("x", "y", "angle"))
     halves = slice(None, len(x) // 2 + 1), slice(len(x) // 2, None)
     for part, color in zip(halves, _BODY, strict=True):
-        rim = _outline(x[part], height + y[part], angle[part], _known(page, "body"))
+        rim = _outline(x[part], height + y[part], angle[part], page.length("body"))
         axes.fill(*rim, color=color, linewidth=0, zorder=2)
     pressed = {wall: page[f"pressed_{wall}"] for wall in ("upper", "lower")}
     largest = max(forces.max() for forces in pressed.values())
@@ -282,7 +275,7 @@ def _forces(
 
 def _stage(result: Result) -> Page:
     page = Page(result, 2.5, 1.45, _UNITS)
-    panel, size = page.panel(), 1.7 * _known(page, "channel")
+    panel, size = page.panel(), 1.7 * page.length("channel")
     panel.axes.set(xlim=_reach(page, np.arange(len(page["frame"]))), ylim=(-size / 1.6, size / 1.6))
     panel.scenery(heights=False)
     panel.label("position $x$ (mm)")

@@ -137,7 +137,7 @@ def coil_film(result: Result) -> Figure:
     _draw_coils(still)
     still.axes.set_ylim(bottom=0)
     flow.named("x", "x", "position $x$")
-    row = f"row assumed: {len(page['coil_place'])} coils {number(1e3 * page['pitch'])} mm apart"
+    row = f"row assumed: {len(page['coil_place'])} coils {number(page.length('pitch'))} mm apart"
     page.facts(
         row, wave_speed="", carried_per_switch="", thickness_max="thickest",
         thickness_min="thinnest", grid_error=("", "%"),
@@ -159,7 +159,7 @@ def cargo(result: Result) -> Figure:
     frames[0].axes.set_title("height to scale; strokes: active coils", loc="right",
                              fontsize="small")  # fmt: skip
     frames[-1].label("position $x$ (mm)")
-    half = 500 * page["pitch"]
+    half = page.length("pitch") / 2
     path.map(np.append(places - half, places[-1] + half), t, on[:-1], cmap="Greys", vmax=4)
     path.curve(X, t, "middle of the float", color=MASSES[0])
     path.entries.append(patch("active coils", "0.75"))
