@@ -42,7 +42,7 @@ GROUPS = {
     },
     "engine": {"simulation", "control", "ocp", "analysis", "magnetics", "fitting"},
     "study": {"study"},
-    "pictures": {"pictures", "plotting"},
+    "pictures": {"pictures"},
     "systems": {"systems"},
     "face": {"runner", "sweeps", "exports", "reports", "cli", "__main__", "__init__"},
 }

@@ -118,12 +118,12 @@ def draw(
     """
     path = Path(path)
     moves = _composer(result, picture)
-    form = _form(path, moves=isinstance(moves, Animation) or moves.__name__ == "first_frame")
+    form = _form(path, moves=isinstance(moves, Animation))
     drawn = figure(result, picture, width=width, height=height, title=title)
     unfinished = path.with_name(f".unfinished-{path.name}")
     try:
-        if form in MOVING:
-            _film(result, moves, drawn, unfinished)
+        if isinstance(moves, Animation) and form in MOVING:
+            _film(moves, drawn, unfinished)
         else:
             save(drawn, unfinished, form)
         unfinished.write_bytes(sealed(unfinished.read_bytes()))
@@ -266,17 +266,11 @@ def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
     text.set_text("\n".join(lines).strip())
 
 
-def _film(result: Result, moves: Any, drawn: Figure, path: Path) -> None:
+def _film(moves: Animation, drawn: Figure, path: Path) -> None:
     film = FFMpegWriter if path.suffix == ".mp4" else PillowWriter
     writer = film(fps=_FRAMES_PER_SECOND)
     with _style(), writer.saving(drawn, path, dpi=_FILM_DPI):
         _lay_out(drawn, _FILM_DPI)  # once: nothing shifts from frame to frame
-        if not isinstance(moves, Animation):
-            module = import_module(moves.__module__)
-            for frame in range(module.FRAMES):
-                module.pose(drawn, result, frame)
-                writer.grab_frame()
-            return
         for frame in range(moves.frames):
             moves.show(drawn, frame)
             writer.grab_frame()

@@ -304,11 +304,16 @@ class Panel:
         self, value: str | float | None, text: str = "", *, axis: str = "y", **style: Any
     ) -> None:
         """Draw a thin line across at a number or a scalar; nothing if it is unknown."""
-        value = self.page.get(value) if isinstance(value, str) else value
+        at: float | None = self.page.get(value) if isinstance(value, str) else value
         look = {"color": GREY, "ls": LIMIT, "lw": 0.8} | style
         across = self.axes.axhline if axis == "y" else self.axes.axvline
-        if value is not None:
-            across(value, label=text or None, **look)
+        if at is not None:
+            across(at, label=text or None, **look)
+
+    def arrow(self, tail: Any, tip: Any, color: str, style: str = "-|>", **more: Any) -> None:
+        """Draw an arrow between two points."""
+        look = {"arrowstyle": style, "color": color}
+        self.axes.annotate("", tuple(tip), tuple(tail), arrowprops=look, **more)
 
     def limits(self, levels: Sequence[tuple[float, ...]], what: str = "link") -> None:
         """Draw limits, a tuple for each curve: grey if all share them, else in their colours."""

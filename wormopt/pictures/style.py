@@ -201,12 +201,14 @@ def line(
     text: str, color: str = GREY, ls: Any = "-", lw: float = 1.3, marker: str = "", **style: Any
 ) -> Line2D:
     """Make an entry of a legend, for what many artists draw."""
-    return Line2D([], [], color=color, ls=ls, lw=lw, marker=marker, label=text, **style)
+    look: dict[str, Any] = {"color": color, "ls": ls, "lw": lw, "marker": marker} | style
+    return Line2D([], [], label=text, **look)
 
 
 def patch(text: str, color: str, **style: Any) -> Patch:
     """Make an entry of a legend that is an area."""
-    return Patch(facecolor=color, label=text, **({"linewidth": 0} | style))
+    look: dict[str, Any] = {"linewidth": 0} | style
+    return Patch(facecolor=color, label=text, **look)
 
 
 def fitted(entries: Sequence[Artist], share: float) -> tuple[list[str], int]:

@@ -61,11 +61,10 @@ def trackers(result: Result) -> Figure:
         for name, panel in panels.items():
             if name == "length":
                 _draw_strips(panel, column)
-            several = name not in ("error_norm", "gain")
-            own = page[name][column]
-            what = {"position": "mass"}.get(name, "link")
-            panel.curves(page["time"], own, what=what, legend=False, ls="-",
-                         **({"lw": 1.2} if several else {"color": "black"}))  # fmt: skip
+            one = name in ("error_norm", "gain")
+            look: Any = {"color": "black"} if one else {"lw": 1.2}
+            what = "mass" if name == "position" else "link"
+            panel.curves(page["time"], page[name][column], what=what, legend=False, ls="-", **look)
         _draw_tube(panels["error_norm"], column)
         _draw_rests(panels["position"], column, upward=False)
     return _explain(page, columns[0], "length", "position")

@@ -160,7 +160,7 @@ animation = Animation(120, _stage_body, _pose_body)
 
 def _draw_obstacle(axes: Axes, each: Any) -> None:
     """Draw an obstacle from its table; the limits of the axes are already set."""
-    style = {"facecolor": _SOLID, "edgecolor": GREY, "linewidth": 0.6, "zorder": 2}
+    style: dict[str, Any] = {"facecolor": _SOLID, "edgecolor": GREY, "linewidth": 0.6, "zorder": 2}
     if each["shape"] == "disc":
         axes.add_patch(Circle(each["centre"], each["radius"], **style))
     elif each["shape"] == "block":
@@ -186,7 +186,8 @@ def _thick(axes: Axes, x: np.ndarray, y: np.ndarray, radius: float, **style: Any
         for k in range(x.shape[1])
         for j in range(x.shape[0] - 1)
     ]
-    axes.add_collection(PolyCollection(outlines, **({"linewidths": 0.0} | style)))
+    look: dict[str, Any] = {"linewidths": 0.0} | style
+    axes.add_collection(PolyCollection(outlines, **look))
 
 
 def _capsule(x: np.ndarray, y: np.ndarray, radius: float) -> np.ndarray:
@@ -335,8 +336,8 @@ def _stage_path(result: Result) -> Page:
         panel.curve(*place, marker="+", color=GREY, ms=8, zorder=5)
     gx, gy, angle = goal
     size = max(4 * radius, 0.03 * float(np.ptp(x)))
-    axes.annotate("", (gx + size * np.cos(angle), gy + size * np.sin(angle)), (gx, gy),
-                  arrowprops={"arrowstyle": "-|>", "color": RED}, zorder=6)  # fmt: skip
+    tip = gx + size * np.cos(angle), gy + size * np.sin(angle)
+    panel.arrow((gx, gy), tip, RED, zorder=6)
     axes.add_patch(Circle((gx, gy), max(page["tolerance"], size / 4), fill=False, edgecolor=RED,
                           linewidth=1.2, zorder=6))  # fmt: skip
     _places(panel)
@@ -426,8 +427,7 @@ def _stroke(panel: Panel, shape: np.ndarray, corner: np.ndarray, count: int) -> 
     panel.curve(*corner.T, ls="", marker="o", color=GREY, ms=3)
     k = shape.shape[1] // 12
     for i in (0, shape.shape[1] // 2):
-        panel.axes.annotate("", shape[:, i + k], shape[:, i],
-                            arrowprops={"arrowstyle": "-|>", "color": GREY})  # fmt: skip
+        panel.arrow(shape[:, i], shape[:, i + k], GREY)
     panel.label(f"shape variable {count - 1}", f"shape variable {count}")
 
 
@@ -463,8 +463,7 @@ def heights(result: Result) -> Figure:
         axes.contour(*where, [0.0], colors=GREY, linewidths=0.7)
         panel.curve(shape[0], shape[1], color="black", lw=1.4)
         k = len(shape[0]) // 12
-        axes.annotate("", shape[:, k + 1], shape[:, k],
-                      arrowprops={"arrowstyle": "-|>", "color": "black"})  # fmt: skip
+        panel.arrow(shape[:, k], shape[:, k + 1], "black")
         panel.scenery()
         axes.set_title(f"{name}, per area")
         panel.label("$s_1$", of="height_s1")

@@ -1,1 +1,0 @@
-"""Parts of pictures that are not yet pages of panels."""
