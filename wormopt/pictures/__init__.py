@@ -15,6 +15,7 @@ from typing import IO, Any
 
 from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -62,7 +63,8 @@ def figure(
     inches = (width or PAGE) / INCH
     with _style(), rc_context({"figure.figsize": (inches, 0.62 * inches)}):
         drawn = _composer(result, picture)(result)
-        drawn.align_ylabels()
+        # those of nested grids would be moved off the sheet
+        drawn.align_ylabels([axes for axes in drawn.axes if _is_outermost(axes)])
         _entitle(drawn, result, height and height / INCH, title)
         _fit(drawn)
     return drawn
@@ -222,6 +224,11 @@ def _entitle(drawn: Figure, result: Result, height: float | None, title: bool) -
     engine = drawn.get_layout_engine()
     if rows and isinstance(engine, ConstrainedLayoutEngine):
         engine.set(rect=(0, 0, 1, 1 - down / whole))
+
+
+def _is_outermost(axes: Axes) -> bool:
+    spec = axes.get_subplotspec()
+    return spec is not None and spec is spec.get_topmost_subplotspec()
 
 
 def _fit(drawn: Figure) -> None:

@@ -136,11 +136,21 @@ class Page:
         return [panel for row in drawn for panel in row]
 
     def mosaic(
-        self, wide: str, slim: str, tall: Sequence[float], taller: Sequence[float]
+        self,
+        wide: str,
+        slim: str,
+        tall: Sequence[float],
+        taller: Sequence[float],
+        widths: Sequence[float] | None = None,
     ) -> dict[str, Panel]:
-        """Panels by letter, as they lie on a page and in a column, with the heights of rows."""
-        text, heights = (slim, taller) if narrow() else (wide, tall)
-        drawn = self.drawn.subplot_mosaic(text, height_ratios=heights)
+        """Panels by letter, as they lie on a page and in a column, with the heights of rows.
+
+        `widths` are those of the columns on a page.
+        """
+        if narrow():
+            drawn = self.drawn.subplot_mosaic(slim, height_ratios=taller)
+        else:
+            drawn = self.drawn.subplot_mosaic(wide, height_ratios=tall, width_ratios=widths)
         return {name: self._made(axes) for name, axes in drawn.items()}
 
     def _made(self, axes: Axes) -> Panel:
@@ -252,7 +262,7 @@ class Panel:
             if heading := self.axes.get_title(loc="left"):
                 rows = max(sum(1 + text.count("\n") for text in column)
                            for column in np.array_split(np.array(texts), columns))  # fmt: skip
-                self.axes.set_title(heading, pad=5 + 11 * (rows + bool(title)))
+                self.axes.set_title(heading, pad=5 + 12 * (rows + bool(title)))
         else:
             texts, _ = fitted(entries, 0.25)
             self.axes.legend(

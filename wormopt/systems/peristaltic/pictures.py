@@ -21,7 +21,9 @@ from wormopt.pictures.style import (
     line,
     number,
     patch,
+    room,
     stretches,
+    wrapped,
 )
 from wormopt.result import Result
 
@@ -244,10 +246,8 @@ def _pose_worm(panel: Panel, frame: int) -> None:
     page = panel.page
     instant = int(_instants(page, animation_of_worm.frames, cycles=2)[frame])
     _draw_worm(panel, instant, 0.0, panel.axes.get_xlim())
-    panel.axes.set_title(
-        f"$t$ = {page['time'][instant]:.2f} s; deformation and displacement "
-        f"enlarged {number(_times(page))} times", loc="left",
-    )  # fmt: skip
+    text = f"$t$ = {page['time'][instant]:.2f} s; deformation and displacement enlarged"
+    panel.axes.set_title(wrapped(f"{text} {number(_times(page))} times", room(1)), loc="left")
 
 
 animation_of_worm = Animation(144, _stage_worm, _pose_worm)

@@ -246,7 +246,7 @@ def _draw_loads(panels: Sequence[Panel], names: Sequence[str], x: str, first: in
 def crawl_forces(result: Result) -> Figure:
     """Plot ground forces, actuator loads, and resting masses over a stroke."""
     names = [name for name in ("link_force", "joint_torque") if name in result]
-    page = Page(result, 5.2 + 1.4 * len(names), 9.6)
+    page = Page(result, 5.2 + 1.4 * len(names), 8.5)
     *ground, rests = page.rows(*[1] * (3 + len(names)))
     resting = page["stroke_resting"] > 0
     for panel, name, words in (
