@@ -262,7 +262,7 @@ class Panel:
             if heading := self.axes.get_title(loc="left"):
                 rows = max(sum(1 + text.count("\n") for text in column)
                            for column in np.array_split(np.array(texts), columns))  # fmt: skip
-                self.axes.set_title(heading, pad=5 + 12 * (rows + bool(title)))
+                self.axes.set_title(heading, pad=6 + 12 * (rows + bool(title)))
         else:
             texts, _ = fitted(entries, 0.25)
             self.axes.legend(

@@ -26,11 +26,13 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType  # since Matplotlib 3.11
 
-# Safe for colour-blind readers: masses by Tol ("muted"), links by Okabe and Ito. Dashes distinguish
-# links in grey, and where curves overlap.
-MASSES = ("#332288", "#CC6677", "#117733", "#DDAA33", "#4BA3D3",
-           "#882255", "#44AA99", "#999933", "#AA4499")  # fmt: skip
+# Safe for colour-blind readers: masses by Tol ("muted"), links by Okabe and Ito, and a third
+# palette for variables beside them; joints begin at the other end of that of links. Dashes
+# distinguish links in grey, and where curves overlap.
+MASSES = ("#332288", "#CC6677", "#117733", "#882255", "#999933",
+          "#44AA99", "#AA4499", "#DDAA33", "#4BA3D3")  # fmt: skip
 LINKS = ("#0072B2", "#E69F00", "#009E73", "#D55E00") * 2
+VARIABLES = ("#8C510A", "#B22222", "#1B7F79", "#7B3FB2", "#8A8A8A")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (6, 1.2, 1.2, 1.2)))
 GREY, RED, GLIDE = "#5A5A5A", "#B22222", "#F3E3C3"
 LIMIT: Any = (0, (5, 3))  # dashes of limits, thin and grey
@@ -173,8 +175,9 @@ def shades(palette: Sequence[str], count: int) -> Sequence[str]:
 
 
 def colours(what: str, count: int) -> Sequence[str]:
-    """Colours of masses and rings, or of links and all else."""
-    return shades(MASSES if what in ("mass", "ring") else LINKS, count)
+    """Colours of masses and rings, of joints, or of links and all else."""
+    others = LINKS[::-1] if what == "joint" else LINKS
+    return shades(MASSES if what in ("mass", "ring") else others, count)
 
 
 def styles(what: str, count: int) -> list[tuple[str, Any]]:

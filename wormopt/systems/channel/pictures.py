@@ -28,7 +28,7 @@ _COLOURS = (*LINKS[:3], "#CC79A7", "#56B4E9", "#882255")
 _MARKERS = "osD^v"
 _ASSUMED = ((0, (5, 2)), (0, (2, 1.2)), (0, (1, 1)))  # dashes of assumed shapes
 _WIDER = 1.6
-_ACTIVE = "#F1D9BF"
+_ACTIVE, _BEYOND = "#F1D9BF", 0.55  # active coils, drawn beyond the channel by this share of it
 _SNAPSHOTS = 7
 _COIL, _LIT = "#EADFCF", "#D98C3F"
 # Colours of the body's two halves, which show its motion past the walls.
@@ -96,8 +96,12 @@ def segment_shapes(result: Result) -> Figure:
     rod = "rod_x" in result
     page = Page(result, 5.2, 6.4 if rod else 4.4, _UNITS)
     names, exact = page["shapes"], page["exact"] == 1
-    panels = page.mosaic("AR;DD" if rod else "A;D", "A;R;D" if rod else "A;D",
-                         (1.5, 1), (1.6, 1.1, 1) if rod else (1.5, 1))  # fmt: skip
+    # of two drawings to scale that are equally high
+    widths = [np.ptp(page["x"]) / 1.12, np.ptp(page["rod_x"]) / (1 + 2 * _BEYOND)] if rod else None
+    panels = page.mosaic(
+        "AR;DD" if rod else "A;D", "A;R;D" if rod else "A;D", (1.5, 1),
+        (1.6, 1.1, 1) if rod else (1.5, 1), widths,
+    )  # fmt: skip
     above, below = panels["A"], panels["D"]
     first = len(names) - 1 if rod else int(np.argmax(exact))
     x, y, wide, thick = (page[name] for name in ("x", "y", "channel", "body"))
@@ -134,7 +138,7 @@ def _rod(panel: Panel) -> None:
     share = _raw(page, "rod_node_length")
     forces = {wall: _raw(page, f"rod_force_{wall}_at") / share for wall in ("upper", "lower")}
     largest = max(float(part.max()) for part in forces.values()) or 1.0
-    reach = 0.55 * wide
+    reach = _BEYOND * wide
     for k in range(count):
         place = pitch * (k - (count - 1) / 2)
         base = wide + clearance if k % 2 == 0 else -reach

@@ -69,10 +69,11 @@ def resonance(result: Result) -> Figure:
         for panel in (above, below):
             panel.level(fold, "fold", axis="x", color=RED)
         above.axes.annotate(
-            f"fold {number(fold)}", (fold, 1), (3, -10), xycoords=("data", "axes fraction"),
-            textcoords="offset points", color=RED, fontsize=7.5,
+            f"fold {number(fold)}", (fold, 1), (-3, -10), xycoords=("data", "axes fraction"),
+            textcoords="offset points", color=RED, fontsize=7.5, ha="right",
         )  # fmt: skip
-    below.axes.set_xlim(page["detuning"].min(), page["detuning"].max())
+    shown = [*page["detuning"], *page["delta_fold"]]
+    below.axes.set_xlim(min(shown), max(shown))
     below.label(r"detuning $\Delta$ of the field ($\nu = \sqrt{2} + \varepsilon \Delta$)")
     page.facts(
         eps=r"small parameter $\varepsilon$", averaging_error="error of averaging",

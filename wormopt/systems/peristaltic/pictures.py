@@ -17,6 +17,7 @@ from wormopt.pictures.style import (
     LIMIT,
     LINKS,
     RED,
+    VARIABLES,
     colours,
     line,
     number,
@@ -175,11 +176,11 @@ def stroke(result: Result) -> Figure:
 # -- a worm in its coils and its tube --------------------------------------------------------------
 
 _WORKS = (
-    ("coil", LINKS[0], "coils"),
-    ("friction", RED, "dry friction"),
-    ("drag", LINKS[3], "drag"),
-    ("damping", LINKS[2], "dashpots"),
-    ("load", LINKS[1], "load"),
+    ("coil", "coils"),
+    ("friction", "dry friction"),
+    ("drag", "drag"),
+    ("damping", "dashpots"),
+    ("load", "load"),
 )
 
 
@@ -220,7 +221,7 @@ def course(result: Result) -> Figure:
     walled = page["normal_force"].max() > 0
     middle.curves("time", "normal_force" if walled else "stretch", ls="-", lw=1,
                   words="force of the wall" if walled else "stretch $l/L$")  # fmt: skip
-    for (name, color, text), dashes in zip(_WORKS, (*DASHES, "-"), strict=True):
+    for (name, text), color, dashes in zip(_WORKS, VARIABLES, (*DASHES, ":"), strict=True):
         if page[f"work_{name}"].any():
             work.curve("time", f"work_{name}", text, words="work on the worm", color=color,
                        ls=dashes)  # fmt: skip

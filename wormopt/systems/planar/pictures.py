@@ -20,6 +20,7 @@ from wormopt.pictures.style import (
     LINKS,
     MASSES,
     RED,
+    VARIABLES,
     colours,
     labels,
     line,
@@ -33,11 +34,11 @@ _SOLID, _SWEPT, _BODY = "#BDB6AC", "#DCE9F3", "#7FB2D6"
 _SNAPSHOTS = 9
 _NO_TURN = 1e-8  # smaller turns are rounding
 _WORKS = (
-    ("actuator", LINKS[0], "actuators"),
-    ("ground", RED, "ground"),
-    ("damping", LINKS[2], "dashpots"),
-    ("pull", LINKS[1], "weight"),
-    ("wall", GREY, "obstacles"),
+    ("actuator", "actuators"),
+    ("ground", "ground"),
+    ("damping", "dashpots"),
+    ("pull", "weight"),
+    ("wall", "obstacles"),
 )
 
 # -- bodies: a result has time, places x and y of the masses, whether each is resting, and the trace
@@ -212,7 +213,7 @@ def motion_forces(result: Result) -> Figure:
     ground.label(y="force of the ground", of="ground_x")
     ground.legend()
     _draw_loads(own, loads, "time")
-    for (name, color, text), dashes in zip(_WORKS, (*DASHES, ":"), strict=True):
+    for (name, text), color, dashes in zip(_WORKS, VARIABLES, (*DASHES, ":"), strict=True):
         done = page.get(f"work_{name}")
         if done is not None and done.any():
             work.curve(page["time"], done, text, color=color, ls=dashes)
