@@ -77,7 +77,7 @@ def _mark_lost(panel: Panel, x: np.ndarray, y: np.ndarray, lost: np.ndarray) -> 
 
 def _columns(result: Result, names: list[str], dims: list[str], lines: bool) -> Figure:
     """A column for every key, a row for every result."""
-    page = Page(result, 7.1 / max(4.2 * len(dims), 6.4) * (2.3 * len(names) + 0.6))
+    page = Page(result, 0.6 + 2.1 * len(names))
     panels = page.grid(len(names), len(dims), sharex="col", sharey="row")
     lost = ~np.isin(page["status"].ravel(), NUMBERED)
     for j, dim in enumerate(dims):

@@ -283,8 +283,8 @@ def convergence(result: Result) -> Figure:
     Dotted lines have the slope of order 1; the bars at the last points are the error estimates made
     without the exact answer.
     """
-    page = Page(result, 2.9, 2.6)
-    (left, right), *_ = page.grid(1, 2, sharey=True)
+    page = Page(result, 2.9, 4.2)
+    left, right = page.beside(2, sharey=True)
     for panel, over, what, slope in (
         (left, "width", "smoothed", 1), (right, "arcs", "complementarity", -1),
     ):  # fmt: skip
@@ -302,7 +302,8 @@ def convergence(result: Result) -> Figure:
     right.axes.minorticks_off()
     left.named("x", "width", "width $v_{reg}$ of the smoothed law")
     right.label("arcs $N$ of the grid (complementarity)")
-    left.label(y="error of the objective", of="smoothed_error")
+    for panel in (left, right) if narrow() else (left,):
+        panel.label(y="error of the objective", of="smoothed_error")
     page.facts(order_smoothed="order of the smoothed law",
                order_complementarity="of complementarity")  # fmt: skip
     return page.legend()

@@ -576,7 +576,8 @@ def serpenoid(result: Result) -> Figure:
 def block(result: Result) -> Figure:
     """Plot the path with the velocity, its components over time, and the friction ellipse."""
     page = Page(result, 5.4, 8.6)
-    (way, ellipse), (speed, force) = page.grid(2, 2)
+    parts = page.grid(*((4, 1) if narrow() else (2, 2)))
+    way, ellipse, speed, force = (panel for row in parts for panel in row)
     time, x, y, stop = (page[name] for name in ("time", "x", "y", "stop_time"))
     way.curve(x, y, color=LINKS[0])
     marks = np.searchsorted(time, np.linspace(0, stop, 9)[:-1])
@@ -597,7 +598,7 @@ def block(result: Result) -> Figure:
         panel.named("x", "time")
     _draw_ellipse(ellipse)
     for panel in (way, speed, force, ellipse):
-        panel.axes.legend(loc="upper left" if panel is ellipse else "best")
+        panel.legend(above=0.85 if narrow() else 0.42)
     page.facts(stop_time="stops at time", distance="", stop_error="difference to second route")
     return page.drawn
 
