@@ -240,4 +240,4 @@ def test_the_rod_is_drawn_with_its_forces():
     assert f"force of the lower wall {lower:.4g} mN" in facts(drawn)
     closest = f"closest to rod: sine, {1e3 * value(result, 'closest_distance_rod'):.3g} mm"
     assert closest in facts(drawn)
-    assert "distance from\nrod (mm)" in below.get_ylabel()
+    assert below.get_ylabel() == "distance from rod (mm)"

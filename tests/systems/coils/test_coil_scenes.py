@@ -342,7 +342,7 @@ def test_the_command_line_and_its_pictures(row: Result, inverse: Result, tmp_pat
     assert json.loads((out / "summary.json").read_text())["status"] == "ok"
     spread, still, frame, _bar = figure(row, "travelling_field").axes
     assert spread.get_ylabel() == "time $t$ (s)"
-    assert still.get_xlabel().startswith("position $x$ (mm)")
+    assert still.get_xlabel() == "position along the row (mm)"
     assert frame.get_xlabel().endswith("rad)")
     above, below = figure(inverse, "row_currents").axes
     assert "wanted" in str([text.get_text() for text in above.get_legend().get_texts()])  # pyright: ignore
