@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # Safe for colour-blind readers: masses by Tol ("muted"), links by Okabe and Ito, and a third
 # palette for variables beside them; joints begin at the other end of that of links. Dashes
 # distinguish links in grey, and where curves overlap.
-MASSES = ("#332288", "#CC6677", "#117733", "#882255", "#999933",
+MASSES = ("#332288", "#CC6677", "#117733", "#999933", "#882255",
           "#44AA99", "#AA4499", "#DDAA33", "#4BA3D3")  # fmt: skip
 LINKS = ("#0072B2", "#E69F00", "#009E73", "#D55E00") * 2
 VARIABLES = ("#8C510A", "#B22222", "#1B7F79", "#7B3FB2", "#8A8A8A")
