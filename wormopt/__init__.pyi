@@ -22,7 +22,7 @@ from wormopt.systems.spiked.crawl import crawl as crawl
 from wormopt.systems.spiked.construct import fast_gait as fast_gait
 from wormopt.systems.spiked.construct import travelling_sine as travelling_sine
 from wormopt.model.gait import Gait as Gait
-from wormopt.systems.spiked.files import load_gait as load_gait
+from wormopt.systems.spiked.construct import load_gait as load_gait
 from wormopt.systems.spiked import stepper as stepper
 from wormopt.systems import peristaltic as peristaltic
 
@@ -40,7 +40,7 @@ from wormopt.model.friction import Spike as Spike
 from wormopt.model.friction import NoSlip as NoSlip
 from wormopt.model.modes import ModeSequence as ModeSequence
 from wormopt.model.schedule import Schedule as Schedule
-from wormopt.model.delay import Delay as Delay
+from wormopt.model.schedule import Delay as Delay
 from wormopt.systems.chain.build import chain as chain
 from wormopt.systems.chain.copies import scenario_model as scenario_model
 from wormopt.simulation.walls import smooth_walls as smooth_walls
@@ -56,8 +56,8 @@ from wormopt.numerics.options import Tolerance as Tolerance
 from wormopt.simulation.moreau import MoreauJean as MoreauJean
 from wormopt.simulation.periodic import PeriodicOrbit as PeriodicOrbit
 from wormopt.simulation.periodic import periodic_orbit as periodic_orbit
-from wormopt.simulation.adjoint.gradient import Gradient as Gradient
-from wormopt.simulation.adjoint.gradient import gradient as gradient
+from wormopt.simulation.gradient import Gradient as Gradient
+from wormopt.simulation.gradient import gradient as gradient
 
 # Group: Control
 from wormopt.control.drive import drive as drive
@@ -70,12 +70,12 @@ from wormopt.control.lambda_tracker import Exponent as Exponent
 from wormopt.control.funnel import Funnel as Funnel
 from wormopt.control.funnel import funnel_tracker as funnel_tracker
 from wormopt.control.switching import switching_tracker as switching_tracker
-from wormopt.control.reference import Reference as Reference
-from wormopt.control.reference import gait_reference as gait_reference
+from wormopt.control.loop import Reference as Reference
+from wormopt.control.loop import gait_reference as gait_reference
 from wormopt.control.loop import FeedForward as FeedForward
 from wormopt.control.lqr import lqr as lqr
 from wormopt.control.predictive import plan_mpc as plan_mpc
-from wormopt.control.receding import run_mpc as run_mpc
+from wormopt.control.predictive import run_mpc as run_mpc
 from wormopt.control.predictive import MpcOptions as MpcOptions
 from wormopt.control.estimation import Estimation as Estimation
 
@@ -102,8 +102,8 @@ from wormopt.ocp.nlp import Plugin as Plugin
 from wormopt.analysis.average import average as average
 from wormopt.analysis.steady import steady_states as steady_states
 from wormopt.analysis.steady import SteadyState as SteadyState
-from wormopt.analysis.steady_sensitivity import steady_sensitivity as steady_sensitivity
-from wormopt.analysis.steady_sensitivity import SteadySensitivity as SteadySensitivity
+from wormopt.analysis.steady import steady_sensitivity as steady_sensitivity
+from wormopt.analysis.steady import SteadySensitivity as SteadySensitivity
 from wormopt.analysis.continuation import continue_branch as continue_branch
 from wormopt.analysis.continuation import Branch as Branch
 from wormopt.analysis.linearise import linearise as linearise
@@ -113,7 +113,7 @@ from wormopt.analysis.vibration import vibration_modes as vibration_modes
 from wormopt.analysis.vibration import VibrationModes as VibrationModes
 from wormopt.analysis.normal_form import normal_form as normal_form
 from wormopt.analysis.normal_form import NormalForm as NormalForm
-from wormopt.analysis.lie import relative_degree as relative_degree
+from wormopt.analysis.normal_form import relative_degree as relative_degree
 
 # Group: Fitting and experiments
 from wormopt.fitting.recording import Recording as Recording
@@ -123,17 +123,17 @@ from wormopt.fitting.task import FitTask as FitTask
 from wormopt.fitting.fit import fit as fit
 from wormopt.fitting.estimate import Fit as Fit
 from wormopt.fitting.estimate import Attempt as Attempt
-from wormopt.fitting.inference.identifiability import identifiability as identifiability
-from wormopt.fitting.inference.posterior import posterior as posterior
-from wormopt.fitting.inference.prediction import predict as predict
-from wormopt.fitting.inference.profile import profile as profile
-from wormopt.fitting.inference.whiteness import whiteness as whiteness
+from wormopt.fitting.identifiability import identifiability as identifiability
+from wormopt.fitting.posterior import posterior as posterior
+from wormopt.fitting.prediction import predict as predict
+from wormopt.fitting.profile import profile as profile
+from wormopt.fitting.noise import whiteness as whiteness
 from wormopt.fitting.planning import plan_experiment as plan_experiment
 from wormopt.fitting.planning import Plan as Plan
-from wormopt.fitting.planned import mean_rate as mean_rate
+from wormopt.fitting.experiment import mean_rate as mean_rate
 from wormopt.fitting.choices import Constant as Constant
-from wormopt.fitting.courses import Ramps as Ramps
-from wormopt.fitting.courses import Waves as Waves
+from wormopt.fitting.choices import Ramps as Ramps
+from wormopt.fitting.choices import Waves as Waves
 
 # Group: Magnetics, films and coils
 from wormopt import magnetics as magnetics

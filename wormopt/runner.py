@@ -13,7 +13,7 @@ from wormopt.files import RESULT_FILE
 from wormopt.model.given import names_in
 from wormopt.progress import Report, silent
 from wormopt.study import Scene, Study, load_scene
-from wormopt.study.overrides import Overrides
+from wormopt.study.toml import Overrides
 
 if TYPE_CHECKING:
     from wormopt.result import Result

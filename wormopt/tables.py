@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from wormopt.units import scale
+from wormopt.quantities import scale
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
 """Suffixes of text files with tables that may be read."""

@@ -26,19 +26,17 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import root_scalar
 
-from wormopt.analysis.average import average
-from wormopt.analysis.crossings import _turned
+from wormopt.analysis.average import _turned, average
 from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.model.values import signal_values
-from wormopt.simulation.call import Call
+from wormopt.numerics.expressions import Call
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.pair.averaged import averaged_pair
 from wormopt.systems.pair.exact import magnetic_pair
-from wormopt.systems.pair.slow import from_slow, slow_pair, to_slow
+from wormopt.systems.pair.slow import averaged_pair, from_slow, slow_pair, to_slow
 from wormopt.systems.swinging.prescribed import harmonic_masses
 
 NU = OMEGA + 0.5 * EPS

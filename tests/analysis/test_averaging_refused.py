@@ -12,10 +12,10 @@ from averaged_models import COULOMB, EPS, block, differences, rates_of, schedule
 
 from wormopt.analysis.average import average
 from wormopt.errors import ArgumentError
-from wormopt.model.delay import Delay
 from wormopt.model.friction import Coulomb, Spike
 from wormopt.model.model import Contact, Model, Output, Signal, Switch
 from wormopt.model.planar_friction import Elliptic
+from wormopt.model.schedule import Delay
 
 
 def switching() -> Model:

@@ -19,15 +19,14 @@ from places import DOCS
 from worms import free_worm as worm
 
 from wormopt.analysis.bode import bode, frequencies
-from wormopt.analysis.lie import relative_degree
-from wormopt.analysis.linearise import LinearModel, linearise
-from wormopt.analysis.pencil import balanced, invariant_zeros
+from wormopt.analysis.linearise import LinearModel, balanced, invariant_zeros, linearise
+from wormopt.analysis.normal_form import relative_degree
 from wormopt.control.lambda_tracker import Decay, lambda_tracker
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Model, Output, Signal
-from wormopt.model.path import ParameterPath, piecewise_constant
-from wormopt.numerics.identically import identically_zero
+from wormopt.model.schedule import ParameterPath, piecewise_constant
+from wormopt.numerics.expressions import identically_zero
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.spiked.construct import fast_gait
@@ -653,7 +652,7 @@ def test_what_control_cannot_be_told_is_refused(control: Any):
 def test_what_needs_no_control_loads_none(tmp_path: Path):
     code = (
         "import sys\n"
-        "from wormopt.analysis.lie import relative_degree\n"
+        "from wormopt.analysis.normal_form import relative_degree\n"
         "from wormopt.analysis.linearise import linearise\n"
         "from wormopt.systems.chain.build import chain\n"
         "worm = chain(2, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, drag=0.1)\n"

@@ -9,8 +9,7 @@ from hypothesis import given, settings
 
 from wormopt.analysis.average import average
 from wormopt.analysis.continuation import continue_branch
-from wormopt.analysis.steady import steady_states
-from wormopt.analysis.steady_sensitivity import steady_sensitivity
+from wormopt.analysis.steady import steady_sensitivity, steady_states
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.model.friction import Viscous
 from wormopt.model.model import Model, Output, Signal

@@ -15,8 +15,7 @@ from wormopt.analysis.steady import Rates, steady_states
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
 from wormopt.model.model import Contact, Model, Output, Signal
-from wormopt.systems.pair.averaged import averaged_pair, steady_pair
-from wormopt.systems.pair.slow import slow_pair
+from wormopt.systems.pair.slow import averaged_pair, slow_pair, steady_pair
 
 NATURAL = math.sqrt(2)
 

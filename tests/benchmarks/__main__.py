@@ -11,7 +11,7 @@ from pathlib import Path
 from tests.benchmarks import CASES, LADDERS
 from tests.benchmarks.command import parser
 from wormopt.__main__ import one_thread
-from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
+from wormopt.cli.common import BAD_INPUT, DONE, INTERRUPTED, say
 from wormopt.errors import ArgumentError, OutputError
 from wormopt.progress import shown_on_stderr
 

@@ -18,8 +18,7 @@ from wormopt.analysis.average import average
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model, pack
 from wormopt.model.values import signal_values
-from wormopt.systems.pair.averaged import averaged_pair
-from wormopt.systems.pair.slow import slow_pair
+from wormopt.systems.pair.slow import averaged_pair, slow_pair
 
 _EPS, _NATURAL = 0.0355, math.sqrt(2)
 _NUMBERS: Any = {

@@ -12,7 +12,7 @@ import numpy as np
 from tests.benchmarks.ladder import Target
 from tests.oracles.driven_chain import DrivenChain, Grip, Plant
 from wormopt.control.lambda_tracker import Feedback, lambda_tracker
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.simulation.options import Exact, Smooth, Treatment

@@ -19,9 +19,8 @@ from scipy.optimize import minimize
 from tests.benchmarks.planar_rivals import Answer, Solver
 from tests.benchmarks.run import OWN
 from wormopt.model.planar_friction import Elliptic
-from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.body.strokes import Harmonics
 from wormopt.systems.planar.crawling.crawl import crawl
+from wormopt.systems.planar.shape import Harmonics, chain_shape
 
 _ALONG, _ACROSS = 1.0, 3.0
 _STEPS = (32.0, 128.0, 512.0, 2048.0)

@@ -11,8 +11,8 @@ import numpy as np
 from tests.oracles.planar_worm import Drive, PlanarWorm, block
 from wormopt.model.model import Model
 from wormopt.model.planar_friction import Elliptic
-from wormopt.systems.planar.body.shape import rigid_shape
 from wormopt.systems.planar.dynamics.driven import driven_shape
+from wormopt.systems.planar.shape import rigid_shape
 
 TRIPOD_ANGLES = np.radians([90.0, 210.0, 330.0])
 """Where the feet of the tripod are, on a circle of radius 1."""

@@ -10,7 +10,7 @@ from scipy.integrate import solve_bvp
 from tests.benchmarks.ladder import Run, Task, Way
 from tests.benchmarks.run import OWN
 from wormopt.numerics.boundary_values import solve_boundary
-from wormopt.systems.channel.elastica import elastica, exact_elastica, slender_guess
+from wormopt.systems.channel.segments import elastica, exact_elastica, slender_guess
 
 _RISE, _FIRST = 0.7, 0.2  # rise over the span, and that from which it is followed
 

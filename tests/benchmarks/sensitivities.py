@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from tests.benchmarks.ladder import Run, Task, Way
 from tests.benchmarks.run import OWN
 from wormopt.model.model import Model, Signal
-from wormopt.simulation.adjoint.gradient import gradient
+from wormopt.simulation.gradient import gradient
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 

@@ -17,7 +17,7 @@ from wormopt.analysis.steady import steady_states
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model, pack
 from wormopt.model.values import signal_values
-from wormopt.systems.pair.averaged import averaged_pair, steady_pair
+from wormopt.systems.pair.slow import averaged_pair, steady_pair
 
 _EPS, _NATURAL = 0.0355, math.sqrt(2)
 _DETUNING = np.linspace(0.5, 0.02, 200)  # from where friction and field are of one size

@@ -1,6 +1,6 @@
 """Worms that follow a gait, simulated loosely."""
 
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import Reference, gait_reference
 from wormopt.model.model import Model
 from wormopt.simulation.options import Tolerance
 from wormopt.systems.spiked.construct import fast_gait

@@ -21,11 +21,10 @@ from wormopt.control.lambda_tracker import (
     Quadratic,
     lambda_tracker,
 )
-from wormopt.control.loop import FeedForward
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import FeedForward, gait_reference
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal
-from wormopt.model.path import ornstein_uhlenbeck, piecewise_constant
+from wormopt.model.schedule import ornstein_uhlenbeck, piecewise_constant
 from wormopt.systems.spiked.construct import fast_gait
 
 # -- adaptation, on an error prescribed in time --------------------------------------------------

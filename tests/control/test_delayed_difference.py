@@ -13,7 +13,7 @@ from worms import worm
 
 from tests.oracles.by_steps import DelayedTracker, solve_smooth
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model

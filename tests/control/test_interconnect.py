@@ -10,12 +10,11 @@ import pytest
 from wormopt.control.funnel import Funnel, funnel_tracker
 from wormopt.control.interconnect import controller_of, interconnect
 from wormopt.control.lambda_tracker import Decay, Exponent, Quadratic, lambda_tracker
-from wormopt.control.loop import FeedForward
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import FeedForward, gait_reference
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
-from wormopt.model.path import ParameterPath
+from wormopt.model.schedule import ParameterPath
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain

@@ -13,12 +13,12 @@ from scipy.integrate import simpson
 from scipy.linalg import expm, solve_continuous_lyapunov
 from worms import free_worm as worm
 
+from wormopt.control.loop import gait_reference
 from wormopt.control.lqr import lqr
-from wormopt.control.reference import gait_reference
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, pack
-from wormopt.model.path import ParameterPath
+from wormopt.model.schedule import ParameterPath
 from wormopt.model.values import signal_values
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine

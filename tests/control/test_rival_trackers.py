@@ -20,7 +20,7 @@ import wormopt as wo
 from tests.oracles.by_text import RANDOM, TRACK, write
 from wormopt.control.funnel import Funnel, FunnelLaw, _check_room, funnel_tracker
 from wormopt.control.lambda_tracker import Feedback, Quadratic, lambda_tracker
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import Reference, gait_reference
 from wormopt.control.switching import switching_tracker
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.friction import Coulomb

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import PPoly
 
 from wormopt.control.lambda_tracker import lambda_tracker
+from wormopt.control.loop import gait_reference
 from wormopt.control.lqr import lqr
-from wormopt.control.reference import gait_reference
 from wormopt.control.sensing import Sensors, band_limited, through_sensors
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait

@@ -22,8 +22,7 @@ from wormopt.control.lambda_tracker import (
     Quadratic,
     lambda_tracker,
 )
-from wormopt.control.loop import FeedForward
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import FeedForward, Reference, gait_reference
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, pack
 from wormopt.systems.chain.build import chain

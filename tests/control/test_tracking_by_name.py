@@ -9,9 +9,8 @@ import pytest
 import wormopt as wo
 from wormopt.control.funnel import Funnel, funnel_tracker
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
-from wormopt.control.loop import with_reference
+from wormopt.control.loop import Reference, gait_reference, with_reference
 from wormopt.control.lqr import lqr
-from wormopt.control.reference import Reference, gait_reference
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 

@@ -567,6 +567,8 @@ def test_check_looks_at_every_scene(capsys: pytest.CaptureFixture[str]):
     out, err = capsys.readouterr()
     assert out == "fast_gait: ok (gait)\n"
     assert err.startswith("no_such: ")
+    assert main(["check", "fast_gait", "--set", "worm.load=-1"]) == 2
+    assert "worm.load" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "fast_gait", "--jso"]])

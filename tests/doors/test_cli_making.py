@@ -14,7 +14,7 @@ import pytest
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.cli.synonyms import SYNONYMS, has_all
+from wormopt.cli.scenes import SYNONYMS, has_all
 from wormopt.kinds import GROUPS, KINDS
 from wormopt.study import packaged_scenes
 from wormopt.study.reference import schema

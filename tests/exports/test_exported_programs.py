@@ -17,7 +17,7 @@ from exported import by_formula, gait_in, made, rough, swing
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.exports.files import identifier
+from wormopt.exports.common import identifier
 from wormopt.result import Result
 from wormopt.study import load_scene
 

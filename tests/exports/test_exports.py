@@ -18,8 +18,7 @@ from wormopt.exports.matlab import field_names
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
 from wormopt.systems.chain import chain
-from wormopt.systems.recorded.recording_file import RecordingFile
-from wormopt.systems.recorded.recordings import runs_of
+from wormopt.systems.recorded.recordings import RecordingFile, runs_of
 
 
 def columns(text: str) -> dict[str, np.ndarray]:

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError, UnknownNameError
-from wormopt.fitting.choices import Constant
-from wormopt.fitting.courses import Ramps, Waves
+from wormopt.fitting.choices import Constant, Ramps, Waves
 from wormopt.fitting.information import Criterion, Knowledge
 
 NAMES = ("a", "b", "c")

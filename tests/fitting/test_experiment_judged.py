@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 import wormopt as wo
 from tests.oracles.by_recordings import Course, Ground, chain, follow
-from wormopt.fitting.planned import largest_excess
+from wormopt.fitting.experiment import largest_excess
 from wormopt.model.friction import Coulomb
 from wormopt.systems.block.block import block
 

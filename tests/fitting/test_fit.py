@@ -10,10 +10,7 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from tests.oracles import by_recordings as by_scipy
-from wormopt.fitting.losses import SCALES, robust
-from wormopt.fitting.shooting import Shooting
-from wormopt.fitting.stretches import lifted
-from wormopt.fitting.uncertainty import (
+from wormopt.fitting.information import (
     correlation_of,
     covariance_of,
     leverages,
@@ -21,6 +18,8 @@ from wormopt.fitting.uncertainty import (
     spectrum,
     triangle,
 )
+from wormopt.fitting.stretches import lifted
+from wormopt.fitting.task import SCALES, Shooting, robust
 from wormopt.model.lift import lift
 
 

@@ -16,11 +16,10 @@ from tests.oracles.by_formula import fit_at, formula, noisy
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.fit import fit
-from wormopt.fitting.inference.combination import sparse_basis
-from wormopt.fitting.inference.identifiability import identifiability
-from wormopt.fitting.inference.prediction import predict
-from wormopt.fitting.inference.profile import profile
-from wormopt.fitting.inference.whiteness import ljung_box, runs_test, whiteness
+from wormopt.fitting.identifiability import identifiability, sparse_basis
+from wormopt.fitting.noise import ljung_box, runs_test, whiteness
+from wormopt.fitting.prediction import predict
+from wormopt.fitting.profile import profile
 from wormopt.fitting.recording import Recording
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.unknowns import Unknown

@@ -17,9 +17,8 @@ from tests.oracles.by_formula import fit_at, formula, noisy
 from wormopt.errors import ArgumentError, Interrupted, UnknownNameError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.fit import fit
-from wormopt.fitting.inference.bounded import Unbounded
-from wormopt.fitting.inference.posterior import Density, Posterior, posterior
-from wormopt.fitting.inference.profile import profile
+from wormopt.fitting.posterior import Density, Posterior, Unbounded, posterior
+from wormopt.fitting.profile import profile
 from wormopt.fitting.recording import Recording
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.unknowns import Unknown
@@ -121,7 +120,7 @@ def test_what_cannot_be_drawn_is_refused(monkeypatch: pytest.MonkeyPatch):
     def without(name: str, *rest: object, whole=builtins.__import__):
         raise ImportError(name)
 
-    monkeypatch.setattr("wormopt.fitting.inference.posterior.import_module", without)
+    monkeypatch.setattr("wormopt.fitting.posterior.import_module", without)
     with pytest.raises(ArgumentError, match=r"wormopt\[bayes\]"):
         posterior(line(SD))
 

@@ -20,7 +20,7 @@ from tests.oracles.by_recordings import (
     square,
     with_lengths,
 )
-from wormopt.model.path import ParameterPath
+from wormopt.model.schedule import ParameterPath
 from wormopt.systems.block.block import block as block_model
 from wormopt.systems.pair import magnetic_pair
 

@@ -38,9 +38,16 @@ from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.coils import coil_pressure
-from wormopt.systems.coils import rested as at_rest
-from wormopt.systems.coils.profile import Collocation, Profile, Settled, Stop, nodes_of, settle
-from wormopt.systems.coils.rested import Rested
+from wormopt.systems.coils import profile as at_rest
+from wormopt.systems.coils.profile import (
+    Collocation,
+    Profile,
+    Rested,
+    Settled,
+    Stop,
+    nodes_of,
+    settle,
+)
 
 SCENE = "fig25_coil_pressure"
 # A thin winding needs few nodes: the tests are quick.

@@ -21,14 +21,15 @@ from scipy.optimize import brentq
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.magnetics import identify
-from wormopt.magnetics.identify import forward_residual, identify_material
+from wormopt.magnetics import material as materials
 from wormopt.magnetics.material import (
     MU0,
     SMALL_STRAIN,
     MagnetoElastic,
     effective_modulus,
     field_strain,
+    forward_residual,
+    identify_material,
     softening,
 )
 from wormopt.pictures import figure
@@ -485,7 +486,7 @@ def test_a_given_material_at_the_border_is_not_found_again_and_says_so():
 def test_a_polish_that_stops_short_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(identify, "_polished", lambda cubic, root: complex(root) * (1 + 1e-9))
+    monkeypatch.setattr(materials, "_polished", lambda cubic, root: complex(root) * (1 + 1e-9))
     assert main(["run", SCENE, "-o", str(tmp_path / "out")]) == 2
     assert "to 12 digits" in capsys.readouterr().err
 

@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 
-from wormopt.magnetics.hydrostatics import Fluid, Langevin, Linear, flat_layer_pull, pull
-from wormopt.magnetics.material import MU0
-from wormopt.magnetics.ripples import (
+from wormopt.magnetics.hydrostatics import (
+    Fluid,
+    Langevin,
+    Linear,
     field_stiffness,
     flat_field,
+    flat_layer_pull,
     growth_rate,
     normal_field_number,
+    pull,
 )
+from wormopt.magnetics.material import MU0
 
 LINEAR = Fluid(1200.0, 0.03, Linear(1.7))
 LANGEVIN = Fluid(1200.0, 0.03, Langevin(2.3, 3e4))

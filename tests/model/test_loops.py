@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.benchmarks.chain_length import long_chain
-from wormopt.numerics import instructions
-from wormopt.simulation.native import build, loops, model_code
+from wormopt.numerics.expressions import instructions_of
+from wormopt.simulation.native import build, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate, system_of
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(build.compiler() is None, reason="there is no C 
 
 def evaluated(function: ca.Function, values: list[np.ndarray]) -> list[np.ndarray]:
     """Results of a function by its C code with loops."""
-    told = loops.source(function)
+    told = model_code.loop_source(function)
     assert told is not None
     text, n_w = told
     sources = [*build.parts(*model_code.HEADERS), ("loops.c", model_code.head([text]) + text)]
@@ -56,7 +56,7 @@ def test_functions_of_chains_are_casadis(links: int, contact: Smooth | Exact):
 def test_code_does_not_grow_with_the_chain():
     lengths = []
     for links in (100, 400):
-        told = loops.source(system_of(long_chain(links), Smooth(1 / 40)).rhs)
+        told = model_code.loop_source(system_of(long_chain(links), Smooth(1 / 40)).rhs)
         assert told is not None
         lengths.append(len(told[0].splitlines()))
     assert lengths[1] <= 1.1 * lengths[0] < 400
@@ -108,7 +108,7 @@ def test_instructions_are_those_that_casadi_tells_one_by_one():
         ca.Function("same", [x], [x]),
         ca.Function("nothing", [x], [ca.SX(0, 1)]),
     ):
-        operations, places = instructions.read(function)
+        operations, places = instructions_of(function)
         assert operations.tolist() == [
             function.instruction_id(k) for k in range(function.n_instructions())
         ]
@@ -123,7 +123,7 @@ def test_rows_that_are_read_and_written_backwards_or_far_apart():
     told = ca.SX(81, 1)
     told[::2] = ca.vertcat(squares, x[3])
     function = ca.Function("told", [x], [ca.densify(told), squares[38::-2]])
-    text, _ = loops.source(function) or ("", 0)
+    text, _ = model_code.loop_source(function) or ("", 0)
     assert "SPREAD" in text
     assert "EVERY" in text
     check(function)
@@ -146,7 +146,7 @@ def test_tables_where_there_is_no_rule_and_sums_without_end():
     total = ca.sum1(mixed) + ca.exp(ca.sum1(x**2) / 300)
     told = ca.vertcat(mixed, total, x[7], 3.5, ca.if_else(x[:9] > 0, x[9:18], total))
     function = ca.Function("told", [x], [told, ca.vertcat(total, x[5]), ca.SX(2, 3)])
-    text, _ = loops.source(function) or ("", 0)
+    text, _ = model_code.loop_source(function) or ("", 0)
     assert "static const int" in text
     assert max(map(len, text.splitlines())) < 6000
     check(function)
@@ -183,11 +183,11 @@ def test_whatever_neighbours_do_to_each_other(steps: list):
 
 def test_what_c_cannot_say_is_left_to_casadi():
     x = ca.SX.sym("x")
-    assert loops.source(ca.Function("odd", [x], [ca.erfinv(x)])) is None
+    assert model_code.loop_source(ca.Function("odd", [x], [ca.erfinv(x)])) is None
     apart = ca.Function("apart", [x], [ca.sin(x)], {"never_inline": True})
-    assert loops.source(ca.Function("calls", [x], [apart(x) + 1])) is None
+    assert model_code.loop_source(ca.Function("calls", [x], [apart(x) + 1])) is None
     y = ca.MX.sym("y")
-    assert loops.source(ca.Function("mixed", [y], [y**2])) is None
+    assert model_code.loop_source(ca.Function("mixed", [y], [y**2])) is None
 
 
 @pytest.mark.parametrize("contact", [Smooth(1 / 40), Exact()])

@@ -14,9 +14,9 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 from wormopt.model.modes import ModeSequence
-from wormopt.systems.spiked.ceiling import best_modes, ceiling
 from wormopt.systems.spiked.construct import block_wave
 from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.search.orders import best_modes, ceiling
 
 # Ceiling over r by links and resting masses (theory of the corrected chapter, section 1).
 TABLE = {

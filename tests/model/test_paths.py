@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wormopt.model.path import ParameterPath, ornstein_uhlenbeck, piecewise_constant
+from wormopt.model.schedule import ParameterPath, ornstein_uhlenbeck, piecewise_constant
 
 LARGE = 200_000  # samples; standard errors below are of this order
 

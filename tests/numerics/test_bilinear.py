@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
-from wormopt.numerics.bilinear_rows import BilinearRows
+from wormopt.numerics.bilinear import BilinearProgram, BilinearRows, Climb, Point
 
 EXACT = Climb(tolerance=1e-12, steps=200)
 

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from wormopt.numerics.enclosure import Enclosure
+from wormopt.numerics.expressions import Enclosure
 
 x, y = ca.SX.sym("x"), ca.SX.sym("y")
 EXPRESSIONS = [

@@ -14,20 +14,24 @@ from scipy.linalg import solve_discrete_are
 from scipy.optimize import lsq_linear
 
 from wormopt.control.estimation import Estimation, Estimator, places
-from wormopt.control.predictive import MpcOptions, MpcPlan, PredictiveController, plan_mpc
-from wormopt.control.receding import run_mpc
+from wormopt.control.predictive import (
+    MpcOptions,
+    MpcPlan,
+    PredictiveController,
+    cost_to_go,
+    plan_mpc,
+    run_mpc,
+)
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.numerics.collocation import Collocation
-from wormopt.numerics.linear_quadratic import cost_to_go
 from wormopt.ocp.contact import Complementarity, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.problem import Constraint, Ends, Problem
-from wormopt.ocp.quadratic import _OPTIONS, StageProgram, Tail
-from wormopt.ocp.stages import Linearised, Stages
+from wormopt.ocp.stages import _OPTIONS, Linearised, StageProgram, Stages, Tail
 from wormopt.ocp.transcription import Transcription
 from wormopt.simulation.options import Smooth
 

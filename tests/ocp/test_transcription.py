@@ -10,10 +10,10 @@ from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.defects import finer
-from wormopt.ocp.elastic import elastic
+from wormopt.ocp.diagnostics import elastic
 from wormopt.ocp.mesh import Mesh, on_finer_mesh
 from wormopt.ocp.nlp import Ipopt
+from wormopt.ocp.optimise import finer
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.transcription import Transcription
 

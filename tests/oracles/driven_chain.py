@@ -16,8 +16,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy.linalg import matrix_balance
 
-from wormopt.control.loop import FeedForward, TrackingError, close
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import FeedForward, TrackingError, close, gait_reference
 from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model

@@ -33,11 +33,9 @@ GROUPS = {
         "model",
         "numerics",
         "quantities",
-        "units",
         "tables",
         "labelled",
         "digest",
-        "saving",
         "result",
     },
     "engine": {"simulation", "control", "ocp", "analysis", "magnetics", "fitting"},
@@ -54,6 +52,15 @@ BELOW: dict[str, set[str]] = {
     "pictures": {"ground", "base"},
     "systems": {"ground", "base", "engine", "study", "pictures"},
     "face": {"ground", "base", "engine", "study", "systems", "pictures"},
+}
+# Modules of a room that other rooms may import; rooms that are not named are open.
+DOORS = {
+    "simulation": """ensemble event_free functions initial_value moreau native.build options
+        simulate trajectory variation walls""",
+    "ocp": "contact mesh motion nlp optimise problem stages switching transcription",
+    "reports": "report",
+    "exports": "export ros",
+    "cli": "",
 }
 # Which systems a system may use; all may use what they share.
 USES: dict[str, set[str]] = {
@@ -175,6 +182,18 @@ def undeclared(root: Path) -> list[str]:
     return found
 
 
+def past_the_door(graph: dict[str, set[str]]) -> list[str]:
+    """Imports from within another room that names the modules others may import."""
+    return [
+        f"{importer} imports {imported}"
+        for importer, targets in graph.items()
+        for imported in targets
+        if room(imported) in {*DOORS} - {room(importer)}
+        and "." in (inner := imported.removeprefix(f"wormopt.{room(imported)}"))
+        and inner[1:] not in DOORS[room(imported)].split()
+    ]
+
+
 def rooms(graph: dict[str, set[str]]) -> dict[str, set[str]]:
     merged: dict[str, set[str]] = {}
     for importer, targets in graph.items():
@@ -216,6 +235,13 @@ def test_a_way_past_the_door_would_be_seen(tmp_path: Path):
     ):
         (root / "systems/b/run.py").write_text(text + "\n")
         assert len(undeclared(root)) == seen
+
+
+def test_rooms_are_entered_by_their_doors():
+    graph = import_graph(PACKAGE)
+    assert past_the_door(graph) == []
+    graph["wormopt.control.lqr"] |= {"wormopt.simulation.grip", "wormopt.ocp.nlp", "wormopt.cli"}
+    assert past_the_door(graph) == ["wormopt.control.lqr imports wormopt.simulation.grip"]
 
 
 def test_no_import_is_circular():
@@ -315,3 +341,39 @@ def test_a_circle_is_found(tmp_path: Path):
     (root / "model" / "b.py").write_text("from wormopt.model import a")
     (root / "model" / "__init__.py").write_text("")
     assert circles(import_graph(root))
+
+
+def calls_upward(folder: Path) -> list[str]:
+    """Calls of the driver's C files to a file that run.h names after them, or nowhere."""
+    shared = (folder / "run.h").read_text(encoding="utf-8").partition("calls those before it")[2]
+    sections = re.split(r"^/\* (\w+\.c)\b.*\*/$", shared, flags=re.MULTILINE)[1:]
+    homes = {
+        name: place
+        for place, text in enumerate(sections[1::2])
+        for name in re.findall(r"(\w+)\(", text)
+    }
+    found = [f"{path.name} is not named" for path in folder.glob("*.c")]
+    for place, file in enumerate(sections[::2]):
+        found.remove(f"{file} is not named")
+        text = re.sub(
+            r"/\*.*?\*/", "", (folder / file).read_text(encoding="utf-8"), flags=re.DOTALL
+        )
+        own = re.findall(r"^(?!static|#)[A-Za-z].*?(\w+)\([^;{]*\) \{$", text, flags=re.MULTILINE)
+        found += [f"{file} defines {name} undeclared" for name in own if homes.get(name) != place]
+        called = {name for name in re.findall(r"\b(\w+)\(", text) if homes.get(name, 0) > place}
+        found += [f"{file} calls {name}" for name in sorted(called)]
+    return found
+
+
+def test_files_of_the_driver_call_those_before_them_only(tmp_path: Path):
+    native = PACKAGE / "simulation/native"
+    alone = ["own_stages.c is not named"]  # part of the code of a model
+    interface = [f"defines wormopt_{name} undeclared" for name in ("advance", "start")]
+    known = {*alone, *(f"driver.c {text}" for text in interface)}
+    known.add("lanes.c defines wormopt_advance_lanes undeclared")
+    assert set(calls_upward(native)) == known
+    for path in (*native.glob("*.c"), native / "run.h"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    with (tmp_path / "doubts.c").open("a", encoding="utf-8") as file:
+        file.write("static void f(Run *run) {\n    set_levels(run, 1);\n}\n")
+    assert set(calls_upward(tmp_path)) == known | {"doubts.c calls set_levels"}

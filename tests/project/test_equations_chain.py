@@ -15,14 +15,13 @@ from sympy import Rational as Q
 
 from tests.oracles.by_symbols import Symbols, zero
 from wormopt.control.lambda_tracker import Feedback, lambda_tracker
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import Reference, gait_reference
 from wormopt.model.friction import Coulomb, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, pack
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait
-from wormopt.systems.spiked.driven import driven_worm
-from wormopt.systems.spiked.dynamics import spiked_worm
+from wormopt.systems.spiked.dynamics import driven_worm, spiked_worm
 
 PRIMES = (2.0, 3.0, 5.0, 7.0, 11.0, 13.0)
 LINKS = (1, 2, 3, 5)

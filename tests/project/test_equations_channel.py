@@ -22,9 +22,9 @@ from wormopt.systems.channel.closed_forms import (
     segment_count,
     velocity_per_frequency,
 )
-from wormopt.systems.channel.elastica import CLOSINGS, Closing, elastica, slender_guess
 from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.rod_model import channel_rod
+from wormopt.systems.channel.segments import CLOSINGS, Closing, elastica, slender_guess
 
 SIZES = {name: ca.SX.sym(name) for name in ("x", "L", "d", "w", "l_s", "k", "l_w")}
 S = Symbols(SIZES, positive=SIZES)

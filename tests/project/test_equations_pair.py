@@ -16,9 +16,8 @@ from tests.oracles.by_symbols import Symbols, zero
 from wormopt.magnetics.material import MU0, effective_modulus, field_strain, softening
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
-from wormopt.systems.pair.averaged import averaged_pair, steady_form
 from wormopt.systems.pair.exact import magnetic_pair
-from wormopt.systems.pair.slow import slow_pair
+from wormopt.systems.pair.slow import averaged_pair, slow_pair, steady_form
 
 ABOVE = ("mass", "stiffness", "push", "frequency", "friction_forward", "friction_backward")
 GIVEN: Any = {"law": Coulomb(1.0, 2.0), "push": 1.0, "frequency": 1.0}

@@ -13,17 +13,22 @@ from sympy import Rational as Q
 
 from tests.oracles.by_symbols import Symbols, unchecked, zero
 from wormopt.magnetics.material import MU0
-from wormopt.systems.peristaltic.chain.chain import Body, peristaltic_worm
-from wormopt.systems.peristaltic.chain.ground import Bed, DragGround, DryGround
-from wormopt.systems.peristaltic.drag.small_gaits import area_matrix, cost_matrix
-from wormopt.systems.peristaltic.drag.worm import drag_worm
-from wormopt.systems.peristaltic.segment import fibres as fibres_module
-from wormopt.systems.peristaltic.segment.barrel import barrel_stretch, barrel_swelling
-from wormopt.systems.peristaltic.segment.fibres import Fibres, fill_at
-from wormopt.systems.peristaltic.segment.inflation import determinant, free_stretch, loading_at
-from wormopt.systems.peristaltic.segment.membrane import balloon_problem
-from wormopt.systems.peristaltic.segment.rubber import curvatures, density, slopes
-from wormopt.systems.peristaltic.segment.segment import Segment, Tube
+from wormopt.systems.peristaltic import membranes
+from wormopt.systems.peristaltic.chain import Bed, Body, DragGround, DryGround, peristaltic_worm
+from wormopt.systems.peristaltic.drag import drag_worm
+from wormopt.systems.peristaltic.drag_gaits import area_matrix, cost_matrix
+from wormopt.systems.peristaltic.membranes import (
+    Fibres,
+    balloon_problem,
+    barrel_stretch,
+    barrel_swelling,
+    determinant,
+    fill_at,
+    free_stretch,
+    loading_at,
+)
+from wormopt.systems.peristaltic.segment import Segment, curvatures, density, slopes
+from wormopt.systems.peristaltic.tables import Tube
 
 NAMES = ("L", "R", "h", "G", "c", "a", "lam", "th", "p", "R_t", "N")
 CA = {name: ca.SX.sym(name) for name in NAMES}
@@ -204,7 +209,7 @@ def density_in_sympy(stretch: Any, hoop: Any) -> Any:
 
 def test_fibres_pull_by_their_volume_and_lock_where_it_is_largest(monkeypatch: pytest.MonkeyPatch):
     """lam = cos al / cos al0, th = sin al / sin al0 keep the fibres' length; pull = p dV/dl."""
-    monkeypatch.setattr(fibres_module, "math", ca)
+    monkeypatch.setattr(membranes, "math", ca)
     angle, start = ca.SX.sym("al"), ca.SX.sym("al0")
     s = Symbols({**CA, "al": angle, "al0": start}, positive=set(NAMES) - {"N"})
     wound = unchecked(Fibres, segment=segment(), angle=start)

@@ -13,11 +13,9 @@ from wormopt.model.friction import Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
-from wormopt.systems.planar.body.shape import Shape, chain_shape, rigid_shape
-from wormopt.systems.planar.dynamics.chain import planar_chain
+from wormopt.systems.planar.dynamics.chain import Axes, RodMasses, planar_chain
 from wormopt.systems.planar.dynamics.driven import driven_shape
-from wormopt.systems.planar.dynamics.ground import Axes
-from wormopt.systems.planar.dynamics.rods import RodMasses
+from wormopt.systems.planar.shape import Shape, chain_shape, rigid_shape
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 POSITIVE = ("mass", "rod_mass", "stiffness", "bending_stiffness")

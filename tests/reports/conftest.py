@@ -23,7 +23,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def unpainted(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures take seconds: only tests that ask for `painted` have them."""
     if "painted" not in request.fixturenames:
-        monkeypatch.setattr("wormopt.reports.page.pictures", lambda *_, **__: iter(()))
+        monkeypatch.setattr("wormopt.reports.report.pictures", lambda *_, **__: iter(()))
         monkeypatch.setattr("wormopt.reports.sweep.pictures", lambda *_, **__: iter(()))
 
 

@@ -15,8 +15,8 @@ from report_pages import Whole, page_of
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.quantities import Scalar, Variable
-from wormopt.reports.page import LARGEST
-from wormopt.reports.words import number, public
+from wormopt.reports.parts import number, public
+from wormopt.reports.report import LARGEST
 from wormopt.result import Result
 from wormopt.version import VERSION
 
@@ -255,7 +255,7 @@ def test_many_large_results_stay_within_a_mail(gait: Result, tmp_path: Path):
 def test_what_does_not_fit_a_mail_is_refused(
     gait: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("wormopt.reports.page.LARGEST", 20_000)
+    monkeypatch.setattr("wormopt.reports.report.LARGEST", 20_000)
     with pytest.raises(wo.ArgumentError, match="by mail; report fewer results"):
         wo.report(gait, tmp_path / "large.html")
     assert not (tmp_path / "large.html").exists()

@@ -83,7 +83,7 @@ def pages(design: Result, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     for name, results in found.items():
         with pytest.MonkeyPatch.context() as patch:
             if name != "design":  # pictures take seconds
-                patch.setattr("wormopt.reports.page.pictures", lambda *_, **__: iter(()))
+                patch.setattr("wormopt.reports.report.pictures", lambda *_, **__: iter(()))
                 patch.setattr("wormopt.reports.sweep.pictures", lambda *_, **__: iter(()))
             wo.report(results, folder / f"{name}.html")
     return {name: folder / f"{name}.html" for name in found}
@@ -244,7 +244,7 @@ def test_a_page_without_scripts_can_be_read(opened: Open, pages: dict[str, Path]
     assert not page.locator("#r0-motion .stage").is_visible()
     assert poses.locator("circle").count() == 9 * 3
     told = page.locator("body").inner_text()
-    for words in ("The answer", "0.82567", "All 13 checks passed", "wormopt run design_fast_gait"):
+    for words in ("The answer", "0.82567", "All 15 checks passed", "wormopt run design_fast_gait"):
         assert words in told
     page = opened(pages["sweep"], java_script_enabled=False)
     assert page.locator("figure.map").count() == 3

@@ -17,10 +17,10 @@ from report_pages import Whole, page_of
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.quantities import Variable
-from wormopt.reports.colours import ink_on, shade
-from wormopt.reports.motion import moving
-from wormopt.reports.page import LARGEST
-from wormopt.reports.words import marked, number, unit_text
+from wormopt.reports.parts import marked, number, unit_text
+from wormopt.reports.report import LARGEST
+from wormopt.reports.sweep import ink_on, shade
+from wormopt.reports.worm import moving
 from wormopt.result import Result
 from wormopt.study import packaged_scenes
 from wormopt.study.toml import toml_text
@@ -95,7 +95,7 @@ def test_the_scene_of_the_page_can_be_run_again(gait: Result, tmp_path: Path):
 
 @pytest.mark.parametrize("name", ["design_fast_gait", "fig05_lambda_trackers", "spiked_chain"])
 def test_the_keys_listed_are_those_that_the_file_sets(name: str, tmp_path: Path):
-    from wormopt.reports.asked import keys_set
+    from wormopt.reports.source import keys_set
 
     scene = wo.load_scene(name)
     raw = tomllib.loads(packaged_scenes()[name].read_text("utf-8"))
@@ -329,8 +329,8 @@ def test_a_large_sweep_stays_within_a_mail(tmp_path: Path):
 
 
 def test_points_are_read_from_the_folder_of_the_sweep_only(sweep: Path, tmp_path: Path):
-    from wormopt.reports.grid import grid_of
     from wormopt.reports.source import Source
+    from wormopt.reports.sweep import grid_of
 
     result = Result.load(sweep)
     names = [

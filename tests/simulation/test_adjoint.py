@@ -16,7 +16,7 @@ from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Coulomb, Spike, Stribeck
 from wormopt.model.model import Contact, Model, Output, Signal, Switch
 from wormopt.model.schedule import Schedule
-from wormopt.simulation.adjoint.gradient import gradient
+from wormopt.simulation.gradient import gradient
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 

@@ -7,10 +7,10 @@ from scipy.special import erf
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.simulation.adjoint.gradient import gradient
 from wormopt.simulation.conditions import lifted
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.event_free import ending
+from wormopt.simulation.gradient import gradient
 
 t, x, v, f = (ca.SX.sym(name) for name in "txvf")
 ROUTES = ["native", "python"]

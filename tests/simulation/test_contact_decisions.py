@@ -18,8 +18,8 @@ from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.planar_friction import Elliptic
 from wormopt.model.schedule import Schedule
 from wormopt.simulation import routes
+from wormopt.simulation.automaton import _cubics, _least_between
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
-from wormopt.simulation.layer import _cubics, _least_between
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 

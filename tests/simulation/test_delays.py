@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, Interrupted, SolveError
-from wormopt.model.delay import Delay
+from wormopt.model import schedule as schedules
 from wormopt.model.model import Contact, Model, Output, Signal, Switch
-from wormopt.simulation import delays, memory
+from wormopt.model.schedule import Delay
+from wormopt.simulation import delays
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.periodic import periodic_orbit
 from wormopt.simulation.simulate import simulate
@@ -326,7 +327,7 @@ def test_a_past_of_any_size_is_remembered_in_few_pieces(monkeypatch: pytest.Monk
     counts: list[int] = []
 
     def counted(*given: Any) -> Any:
-        pieces = memory.fitted(*given)
+        pieces = schedules.fitted(*given)
         counts.append(len(pieces))
         return pieces
 

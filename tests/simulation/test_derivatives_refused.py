@@ -11,10 +11,10 @@ import pytest
 from derived import block, both, changes
 
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.model.delay import Delay
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.planar_friction import Elliptic
+from wormopt.model.schedule import Delay
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory

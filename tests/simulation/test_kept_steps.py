@@ -16,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from wormopt.model.delay import Delay
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.schedule import Delay
 from wormopt.simulation import simulate as simulating
-from wormopt.simulation.adjoint.gradient import gradient
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
+from wormopt.simulation.gradient import gradient
 from wormopt.simulation.options import Route, Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.steps import Kept

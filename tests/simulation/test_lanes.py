@@ -15,7 +15,7 @@ from wormopt.model.model import Contact, Model, Signal
 from wormopt.model.schedule import Schedule
 from wormopt.simulation import ensemble
 from wormopt.simulation.ensemble import Ensemble, Scenario, simulate_ensemble
-from wormopt.simulation.native import build, herd, kernel, lanes
+from wormopt.simulation.native import build, kernel, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
@@ -28,10 +28,10 @@ _AT = np.concatenate([_USUAL, _FAR, [math.inf, -math.inf, math.nan]])
 
 def in_lanes(function: ca.Function, x: np.ndarray) -> np.ndarray:
     """Values (n, m) of a function (t, x, p, s) -> y at x (n, m), by the C code for lanes."""
-    text = lanes.source(function)
+    text = model_code.lanes_source(function)
     assert text is not None
-    library = lanes._library(text)
-    width = lanes.LANES
+    library = model_code._lanes_library(text)
+    width = model_code.LANES
     blocks = -(-x.shape[1] // width)
     padded = np.zeros((len(x), blocks * width))
     padded[:, : x.shape[1]] = x
@@ -86,7 +86,7 @@ def test_every_operation_is_that_of_casadi():
 
 def test_what_vectors_cannot_do_is_left_to_single_runs():
     x, t = ca.SX.sym("x"), ca.SX.sym("t")
-    assert lanes.source(of_x(ca.erfinv(x), x)) is None
+    assert model_code.lanes_source(of_x(ca.erfinv(x), x)) is None
     model = Model("odd", x=[Signal("x", x, value=0.1)], ode=ca.erfinv(x / 10), t=t)
     found = simulate_ensemble(model, 1.0, [Scenario(x0={"x": 0.02 * k}) for k in range(9)])
     assert set(found.codes) == {""}
@@ -312,7 +312,7 @@ def test_all_are_given_up_where_the_first_spend_all_their_steps(count: int, thre
 
 
 def test_all_threads_take_members_that_wait(monkeypatch: pytest.MonkeyPatch):
-    seen, advance, both = set(), herd._advance, threading.Barrier(2)
+    seen, advance, both = set(), kernel._advance_lanes, threading.Barrier(2)
 
     def watched(runs: list[kernel.Run]) -> None:
         if threading.get_ident() not in seen:
@@ -320,7 +320,7 @@ def test_all_threads_take_members_that_wait(monkeypatch: pytest.MonkeyPatch):
             both.wait(timeout=60)
         advance(runs)
 
-    monkeypatch.setattr(herd, "_advance", watched)
+    monkeypatch.setattr(kernel, "_advance_lanes", watched)
     members = [Scenario(p={"k": 1.0 + k}) for k in range(30)]
     found = simulate_ensemble(oscillator(), 1.0, members, threads=2)
     assert len(seen) == 2
@@ -335,7 +335,7 @@ def test_without_a_compiler_members_go_as_before(monkeypatch: pytest.MonkeyPatch
     monkeypatch.undo()
     build.compiler.cache_clear()
     monkeypatch.setattr(build, "compiler", lambda: None)
-    monkeypatch.setattr(lanes, "compiled", lanes.compiled.__wrapped__)
-    monkeypatch.setattr(lanes, "_library", lanes._library.__wrapped__)
+    monkeypatch.setattr(model_code, "compiled_lanes", model_code.compiled_lanes.__wrapped__)
+    monkeypatch.setattr(model_code, "_lanes_library", model_code._lanes_library.__wrapped__)
     found = simulate_ensemble(oscillator(), 1.0, members)
     np.testing.assert_allclose(found.end, alone, rtol=1e-13)

@@ -17,7 +17,7 @@ from scipy.linalg import expm
 from tests.benchmarks.cases import mag2, track
 from tests.oracles.by_events import Followed, coulomb
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import Reference, gait_reference
 from wormopt.control.switching import switching_tracker
 from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb

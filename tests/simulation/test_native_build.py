@@ -14,8 +14,7 @@ import pytest
 
 from wormopt.model.model import Model, Signal
 from wormopt.simulation.native import build, model_code
-from wormopt.simulation.native.build import CompilerError, cache_folder, compiler, library
-from wormopt.simulation.native.function import repeated
+from wormopt.simulation.native.build import CompilerError, cache_folder, compiler, library, repeated
 from wormopt.simulation.simulate import simulate
 
 COMMAND = compiler()

@@ -22,7 +22,7 @@ from on_routes import (
 )
 
 from wormopt.control.lambda_tracker import lambda_tracker
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.model.schedule import Schedule

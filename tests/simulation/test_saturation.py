@@ -19,10 +19,9 @@ from scipy.integrate import solve_ivp
 import wormopt as wo
 from wormopt.control.funnel import Funnel, funnel_tracker
 from wormopt.control.lambda_tracker import lambda_tracker
+from wormopt.control.loop import Reference, gait_reference
 from wormopt.control.lqr import lqr
-from wormopt.control.predictive import MpcOptions, plan_mpc
-from wormopt.control.receding import run_mpc
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.predictive import MpcOptions, plan_mpc, run_mpc
 from wormopt.control.switching import switching_tracker
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb

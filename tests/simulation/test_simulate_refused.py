@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from simulated import crawler, oscillator, refused
 
 from wormopt.control.lambda_tracker import Exponent, lambda_tracker
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.errors import ArgumentError, Interrupted, UnknownNameError
 from wormopt.model.friction import Coulomb, Stribeck
 from wormopt.model.model import Contact, Model, Signal

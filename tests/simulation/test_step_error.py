@@ -13,10 +13,10 @@ from scipy.optimize import root_scalar
 
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
-from wormopt.simulation.dop853 import EMBEDDED
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.simulation.steps import EMBEDDED
 
 # -- orders ----------------------------------------------------------------------------------
 

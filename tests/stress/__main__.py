@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from tests.benchmarks.command import parser
 from tests.stress import GROUPS
 from wormopt.__main__ import one_thread
-from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED
+from wormopt.cli.common import DONE, INTERRUPTED, NOT_SOLVED
 from wormopt.progress import shown_on_stderr
 
 _TEXT = """\

@@ -20,10 +20,15 @@ from tests.stress.verdict import Case, Dice, Judged, apart, many, spread
 from wormopt.analysis.vibration import vibration_modes
 from wormopt.model.model import pack
 from wormopt.systems.channel.closed_forms import STEEPEST, ChannelWorm, Shape
-from wormopt.systems.channel.elastica import SLEEVE_RISE, Free, exact_elastica
 from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.rod_model import channel_rod
-from wormopt.systems.channel.segments import assumed_shapes, elastic_shape
+from wormopt.systems.channel.segments import (
+    SLEEVE_RISE,
+    Free,
+    assumed_shapes,
+    elastic_shape,
+    exact_elastica,
+)
 
 _HELD = {
     "free": (("moment", "shear"), {}),

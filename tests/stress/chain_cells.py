@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.oracles.driven_chain import DrivenChain, Grip
 from wormopt.control.lambda_tracker import Feedback, lambda_tracker
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.simulation.options import Exact, Smooth, Treatment

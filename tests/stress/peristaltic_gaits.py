@@ -14,12 +14,11 @@ from scipy.optimize import linprog
 from tests.stress.means import refused
 from tests.stress.verdict import Dice, Judged, Kind, Undecided, apart, spread
 from wormopt.model.gait import Gait
-from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
-from wormopt.systems.peristaltic.anchored.gait import anchored_wave
-from wormopt.systems.peristaltic.anchored.quasi_static import common_velocity
-from wormopt.systems.peristaltic.chain.waves import harmonic_wave, switched_wave
-from wormopt.systems.peristaltic.drag.small_gaits import small_gaits
-from wormopt.systems.peristaltic.drag.worm import displacement
+from wormopt.systems.peristaltic.anchored import anchored_wave, common_velocity
+from wormopt.systems.peristaltic.anchored_fastest import mode_bound
+from wormopt.systems.peristaltic.crawl import harmonic_wave, switched_wave
+from wormopt.systems.peristaltic.drag import displacement
+from wormopt.systems.peristaltic.drag_gaits import small_gaits
 
 
 def _way(lengths: np.ndarray, rates: np.ndarray, exponent: float, period: float) -> float:

@@ -21,11 +21,10 @@ from tests.stress.verdict import Dice, Judged, Kind, apart, spread
 from wormopt.model.model import Model, pack
 from wormopt.quantities import GRAVITY
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.peristaltic.chain.chain import Body, peristaltic_worm
-from wormopt.systems.peristaltic.chain.crawl import crawl
-from wormopt.systems.peristaltic.chain.ground import Bed, DragGround, DryGround
-from wormopt.systems.peristaltic.chain.waves import switched_wave
-from wormopt.systems.peristaltic.segment.segment import Segment, Tube
+from wormopt.systems.peristaltic.chain import Bed, Body, DragGround, DryGround, peristaltic_worm
+from wormopt.systems.peristaltic.crawl import crawl, switched_wave
+from wormopt.systems.peristaltic.segment import Segment
+from wormopt.systems.peristaltic.tables import Tube
 
 _MU0 = 4e-7 * math.pi
 _STEP = 1e-30

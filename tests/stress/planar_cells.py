@@ -15,10 +15,9 @@ from wormopt.model.friction import Coulomb, NoSlip, Spike
 from wormopt.model.model import Model
 from wormopt.model.planar_friction import Elliptic
 from wormopt.simulation.options import Exact
-from wormopt.systems.planar.body.strokes import Harmonics
-from wormopt.systems.planar.dynamics.chain import planar_chain
-from wormopt.systems.planar.dynamics.ground import Axes
+from wormopt.systems.planar.dynamics.chain import Axes, planar_chain
 from wormopt.systems.planar.dynamics.motion import swing
+from wormopt.systems.planar.shape import Harmonics
 
 Kind = Literal["elliptic", "isotropic", "box", "spike", "skid", "spiked skid"]
 

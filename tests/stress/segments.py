@@ -18,14 +18,19 @@ from tests.stress.peristaltic_gaits import GAITS
 from tests.stress.peristaltic_worms import WORMS
 from tests.stress.verdict import Case, Dice, Judged, Undecided, apart, many, spread
 from wormopt.magnetics.winding import Coil
-from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
-from wormopt.systems.peristaltic.drag.small_gaits import small_gaits
-from wormopt.systems.peristaltic.segment.barrel import barrel_meridian, barrel_stretch
-from wormopt.systems.peristaltic.segment.fibres import Fibres, range_of_fill
-from wormopt.systems.peristaltic.segment.inflation import inflated, limit_of_inflation
-from wormopt.systems.peristaltic.segment.membrane import balloon
-from wormopt.systems.peristaltic.segment.segment import Segment, Tube
-from wormopt.systems.peristaltic.segment.wound import WoundSegment
+from wormopt.systems.peristaltic.anchored_fastest import mode_bound
+from wormopt.systems.peristaltic.drag_gaits import small_gaits
+from wormopt.systems.peristaltic.membranes import (
+    Fibres,
+    balloon,
+    barrel_meridian,
+    barrel_stretch,
+    inflated,
+    limit_of_inflation,
+    range_of_fill,
+)
+from wormopt.systems.peristaltic.segment import Segment, WoundSegment
+from wormopt.systems.peristaltic.tables import Tube
 
 _MU0 = 4e-7 * math.pi
 _STEP = 1e-30

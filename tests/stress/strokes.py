@@ -18,9 +18,8 @@ from tests.stress.resistive import Chain, Heading, connection, resisted
 from tests.stress.verdict import Dice, Judged, Kind, above, apart, spread
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
-from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.swimming.best import best_stroke
-from wormopt.systems.planar.swimming.heights import curvature, heights
+from wormopt.systems.planar.shape import chain_shape
+from wormopt.systems.planar.swimming.best import best_stroke, curvature, heights
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 _NONE = (0.0, 0.0)

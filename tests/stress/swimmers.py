@@ -21,17 +21,14 @@ from tests.stress.resistive import Chain, Heading, connection, resisted, turned
 from tests.stress.strokes import STROKES
 from tests.stress.verdict import Case, Dice, Judged, Undecided, above, apart, many, spread
 from wormopt.model.planar_friction import Elliptic
-from wormopt.systems.planar.body.se2 import circle_of, compose
-from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.body.strokes import Harmonics, Polygon
 from wormopt.systems.planar.crawling.crawl import crawl
 from wormopt.systems.planar.crawling.velocity import crawl_velocity
-from wormopt.systems.planar.kinematic.constraints import Constraints
-from wormopt.systems.planar.kinematic.motion import kinematic_motion
+from wormopt.systems.planar.kinematic import Constraints, kinematic_motion
+from wormopt.systems.planar.planar_turn import swing_hold
+from wormopt.systems.planar.poses import circle_of, compose
 from wormopt.systems.planar.serpenoid import STEEPEST, best_serpenoid, serpenoid_speed
-from wormopt.systems.planar.swimming.stroke import swim
-from wormopt.systems.planar.swimming.swimmer import Swimmer
-from wormopt.systems.planar.turning import swing_hold
+from wormopt.systems.planar.shape import Harmonics, Polygon, chain_shape
+from wormopt.systems.planar.swimming.swimmer import Swimmer, swim
 
 Rates = Callable[[float, np.ndarray], np.ndarray]
 

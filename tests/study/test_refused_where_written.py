@@ -11,10 +11,9 @@ import pytest
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
-from wormopt.model.delay import Delay
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Output, Signal, Switch
-from wormopt.model.schedule import Schedule
+from wormopt.model.schedule import Delay, Schedule
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import FixedModes
 from wormopt.ocp.mesh import Mesh

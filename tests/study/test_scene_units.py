@@ -18,10 +18,9 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError
-from wormopt.quantities import UNITS
+from wormopt.quantities import UNITS, has_unit, parsed, to_number
 from wormopt.study import load_scene
 from wormopt.study.reference import schema
-from wormopt.units import has_unit, parsed, to_number
 
 PINT = pint.UnitRegistry()
 PREFIXES = ["", "n", "u", "µ", "m", "c", "d", "k", "M", "G"]

@@ -18,8 +18,7 @@ import wormopt as wo
 from wormopt.errors import ArgumentError
 from wormopt.systems.film.given_field import _read_table
 from wormopt.systems.film.shapes import grid
-from wormopt.systems.recorded.recording_file import RecordingFile
-from wormopt.systems.recorded.recordings import runs_of
+from wormopt.systems.recorded.recordings import RecordingFile, runs_of
 from wormopt.tables import TextTable, Wrong, parse_table, read_table
 
 

@@ -89,7 +89,7 @@ def test_the_summary_tells_the_front(folder: Path):
 def test_the_table_is_printed_and_names_knee_and_jumps(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ):
-    from wormopt.cli.printing import print_result
+    from wormopt.cli.common import print_result
 
     result = Result.load(folder)
     print_result(result)

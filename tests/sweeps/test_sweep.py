@@ -25,7 +25,7 @@ from places import PROBLEMS
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.cli.printing import print_result
+from wormopt.cli.common import print_result
 from wormopt.kinds import KINDS
 from wormopt.numerics.workers import Engine
 from wormopt.study import load_scene

@@ -1,4 +1,4 @@
-"""The command line: each module adds a group of commands to the parser and runs them.
+"""The command line: its modules add commands to the parser and run them.
 
 Exit codes: 0 done; 2 bad input; 3 the solver did not reach an accepted result; 130 interrupted.
 Results go to stdout, everything else to stderr. There is no ``--verbose`` for all commands: ``run
@@ -15,16 +15,14 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from threading import current_thread, main_thread
 from types import FrameType
 
-from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, no_backend, say
+from wormopt.cli import results, running, scenes
+from wormopt.cli.common import BAD_INPUT, DONE, INTERRUPTED, no_backend, say
 from wormopt.errors import ArgumentError, OutputError, SceneError, interruptible
 from wormopt.version import VERSION
-
-_GROUPS = "running sweeping showing verifying plotting reporting exporting scenes making completing"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -118,6 +116,12 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("--version", action="version", version=f"wormopt {VERSION}")
     found.set_defaults(parser=found)  # `wormopt completion` reads all commands from it
     commands = found.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for group in _GROUPS.split():
-        import_module(f"wormopt.cli.{group}").add(commands)
+    adding = (
+        *(running.add_run, running.add_sweep),
+        *(results.add_show, results.add_verify, results.add_plot),
+        *(results.add_report, results.add_export),
+        *(scenes.add_list, scenes.add_help, scenes.add_completion),
+    )
+    for add in adding:
+        add(commands)
     return found

@@ -8,8 +8,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from wormopt.control.loop import feed
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import feed, gait_reference
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.given import check_flag, check_kind

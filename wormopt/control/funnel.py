@@ -9,8 +9,15 @@ from typing import Literal, get_args
 import casadi as ca
 import numpy as np
 
-from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, check_sign, close
-from wormopt.control.reference import Reference
+from wormopt.control.loop import (
+    Actuator,
+    FeedForward,
+    Reference,
+    TrackingError,
+    actuated,
+    check_sign,
+    close,
+)
 from wormopt.errors import ArgumentError
 from wormopt.model.given import check_choice, check_kind, check_number
 from wormopt.model.lift import lift
@@ -150,7 +157,7 @@ def funnel_tracker(
     Examples
     --------
     >>> from wormopt.model.gait import Gait
-    >>> from wormopt.control.reference import gait_reference
+    >>> from wormopt.control.loop import gait_reference
     >>> from wormopt.systems.chain.build import chain
     >>> worm = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)
     >>> still = Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.5))

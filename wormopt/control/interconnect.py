@@ -58,7 +58,7 @@ def controller_of(
     Examples
     --------
     >>> from wormopt.control.lambda_tracker import lambda_tracker
-    >>> from wormopt.control.reference import gait_reference
+    >>> from wormopt.control.loop import gait_reference
     >>> from wormopt.model.gait import Gait
     >>> from wormopt.systems.chain.build import chain
     >>> worm = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)

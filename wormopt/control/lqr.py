@@ -10,8 +10,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from wormopt.control.loop import TrackingError, at_zero, close, input_of
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import Reference, TrackingError, at_zero, close, gait_reference, input_of
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, lie, pack

@@ -10,12 +10,11 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from wormopt.control.loop import feed, input_of
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import Reference, feed, gait_reference, input_of
 from wormopt.errors import ArgumentError
-from wormopt.model.delay import Delay
 from wormopt.model.gait import Gait
 from wormopt.model.model import TINY, Model, Output, Signal, Switch, lie, pack
+from wormopt.model.schedule import Delay
 
 NOISE = "noise"
 """Name of the schedule with the values that sensors add."""

@@ -6,8 +6,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, check_sign, close
-from wormopt.control.reference import Reference
+from wormopt.control.loop import (
+    Actuator,
+    FeedForward,
+    Reference,
+    TrackingError,
+    actuated,
+    check_sign,
+    close,
+)
 from wormopt.errors import ArgumentError
 from wormopt.model.given import check_number
 from wormopt.model.model import TINY, Model, Output, Signal, Switch
@@ -90,7 +97,7 @@ def switching_tracker(
     Examples
     --------
     >>> from wormopt.model.gait import Gait
-    >>> from wormopt.control.reference import gait_reference
+    >>> from wormopt.control.loop import gait_reference
     >>> from wormopt.systems.chain.build import chain
     >>> worm = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1,
     ...              position=(4.0, 2.0, 0.0))

@@ -7,8 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.about import Course
-from wormopt.exports.files import identifier
+from wormopt.exports.common import Course, identifier
 
 
 def make(course: Course, stem: str) -> dict[str, bytes]:

@@ -10,13 +10,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.exports.about import Course, remarks
-from wormopt.exports.instants import times
+from wormopt.exports.common import Course, remarks, times
 from wormopt.model.gait import Gait
 from wormopt.model.gait_table import remark_of_gait, signal_of
 from wormopt.quantities import Variable
 from wormopt.result import Result
-from wormopt.systems.spiked.files import gait_of_result
+from wormopt.systems.spiked.construct import gait_of_result
 
 # Dimensions of time, and signals that may be those of a gait, with the order of derivative.
 _AXES = ("time", "instant")

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.files import target
+from wormopt.exports.common import target
 from wormopt.files import write_files
-from wormopt.units import has_unit, to_number
+from wormopt.quantities import has_unit, to_number
 
 if TYPE_CHECKING:
     from wormopt.model.gait import Gait
@@ -138,7 +138,7 @@ def _made(what: Result | Gait | Model, into: str, stem: str, asked: _Asked) -> d
         return make(plants_of(what), stem)
     if into in ("c", "ros"):
         from wormopt.exports import c_source, ros
-        from wormopt.exports.about import Course
+        from wormopt.exports.common import Course
 
         if not isinstance(what, Result | Gait):
             raise ArgumentError(f"{into} takes a Result or a Gait, not {type(what).__name__}")

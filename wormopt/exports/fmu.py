@@ -19,26 +19,86 @@ from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.about import remarks
-from wormopt.exports.description import mend_description, only_sources
-from wormopt.exports.files import identifier
+from wormopt.exports.common import identifier, remarks
 from wormopt.files import MARK
 from wormopt.kinds import KINDS
 from wormopt.model.explicit import Explicit
 from wormopt.model.model import TINY, Model
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.quantities import UNITS, unit_of
+from wormopt.quantities import UNITS, parsed, unit_of
 from wormopt.result import Result
 from wormopt.shown import one_line
 from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, error_output
 from wormopt.simulation.options import Smooth
 from wormopt.study.scene import scene_of_text
+from wormopt.version import VERSION
+
+
+def mend_description(path: Path, name: str, text: str, timed: bool) -> None:
+    """Complete ``modelDescription.xml``.
+
+    `name` and `text` are the model's, `timed`: whether it depends on time itself.
+    """
+    root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
+    root.set("modelName", name)
+    root.set("description", text)
+    root.set("generationTool", f"wormopt {VERSION}, {root.get('generationTool')}")
+    variables, structure = root.find("ModelVariables"), root.find("ModelStructure")
+    assert variables is not None
+    assert structure is not None
+    for variable in [*variables]:
+        if variable.get("name", "").startswith("__assign__"):  # CasADi's own
+            variables.remove(variable)
+    for unknown in structure.iter("InitialUnknown"):  # parameters are missing there
+        unknown.attrib.pop("dependencies", None)
+    for unknown in (*structure.iter("Output"), *structure.iter("ContinuousStateDerivative")):
+        if timed:
+            unknown.set("dependencies", f"0 {unknown.get('dependencies', '')}".strip())
+    units = {v.get("unit"): None for v in variables if v.get("unit")}
+    places = [*root]
+    after = places.index(root.find("ModelExchange")) + 1  # pyright: ignore[reportArgumentType]
+    root.insert(after, ElementTree.Element("DefaultExperiment", startTime="0"))
+    if units:
+        defined = ElementTree.Element("UnitDefinitions")
+        defined.extend(_unit_definition(str(name)) for name in units)
+        root.insert(after, defined)
+    _write(root, path)
+
+
+def only_sources(path: Path) -> None:
+    """Remove headers from ``buildDescription.xml``: they are no compilation units."""
+    root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
+    for files in root.iter("SourceFileSet"):
+        for file in [*files]:
+            if file.get("name", "").endswith(".h"):
+                files.remove(file)
+    _write(root, path)
+
+
+def _unit_definition(name: str) -> ElementTree.Element:
+    found = ElementTree.Element("Unit", name=name)
+    try:
+        factor, powers = parsed(name)
+    except ValueError:
+        return found  # a user's unit: only its name is known
+    attributes = {base: str(power) for base, power in powers.items()}
+    if factor != 1:
+        attributes["factor"] = repr(float(factor))
+    found.append(ElementTree.Element("BaseUnit", attributes))
+    return found
+
+
+def _write(root: ElementTree.Element, path: Path) -> None:
+    ElementTree.indent(root, "    ")
+    ElementTree.ElementTree(root).write(path, encoding="UTF-8", xml_declaration=True)
+
 
 _HEADER = "fmi3Functions.h"
 # Lines of CasADi's wrapper, and their corrections.

@@ -8,8 +8,7 @@ from decimal import Decimal
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.about import Course
-from wormopt.exports.instants import multiples
+from wormopt.exports.common import Course, multiples
 from wormopt.model.gait import Gait
 
 _SECOND = 1_000_000_000

@@ -8,10 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from wormopt.errors import SolveError
-from wormopt.fitting.stretches import continuity
-from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import (
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.fitting.information import (
     TOLD,
     correlation_of,
     covariance_of,
@@ -19,6 +17,8 @@ from wormopt.fitting.uncertainty import (
     spectrum,
     triangle,
 )
+from wormopt.fitting.stretches import continuity
+from wormopt.fitting.task import FitTask
 from wormopt.shown import SHORT, lines, text
 from wormopt.simulation.trajectory import NonsmoothEvent
 
@@ -243,3 +243,15 @@ class Fit:
     def correlation(self) -> np.ndarray:
         """Correlation of the coordinates, (n, n)."""
         return correlation_of(self.singular, self.error)
+
+
+def check_fit(found: object) -> None:
+    """Raise ArgumentError for anything but the result of `fit`."""
+    if not isinstance(found, Fit):
+        raise ArgumentError(f"found must be a Fit, as fit returns it, not {type(found).__name__}")
+
+
+def check_level(level: object) -> None:
+    """Raise ArgumentError for a level not between 0 and 1."""
+    if not (isinstance(level, int | float) and 0 < level < 1):
+        raise ArgumentError(f"level must lie between 0 and 1, not {level!r}")

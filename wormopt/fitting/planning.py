@@ -10,9 +10,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError
-from wormopt.fitting.experiment import Experiment, Run
+from wormopt.fitting.experiment import Experiment, Run, departure, largest_excess
 from wormopt.fitting.information import Criterion, Knowledge
-from wormopt.fitting.planned import departure, largest_excess
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance
 

@@ -16,10 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.fitting.losses import robust
 from wormopt.fitting.recording import Recording
-from wormopt.fitting.shooting import Shooting
-from wormopt.fitting.task import FitTask
+from wormopt.fitting.task import FitTask, Shooting, robust
 from wormopt.model.model import Model
 from wormopt.model.values import by_name, nominal_of
 from wormopt.simulation.simulate import simulate

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 from wormopt.errors import ArgumentError
+from wormopt.quantities import scale
 from wormopt.tables import TextTable, Wrong, read_table, unit_meant
-from wormopt.units import scale
 
 _FEWEST_ROWS = 4
 # Relative tolerance of the last row to the first, and of the last time to the cycle.

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.model.delay import Delay
 from wormopt.model.given import (
     check_flag,
     check_kinds,
@@ -23,7 +22,7 @@ from wormopt.model.given import (
     is_number,
     make_plain,
 )
-from wormopt.model.schedule import Schedule
+from wormopt.model.schedule import Delay, Schedule
 from wormopt.model.values import column, numbers
 from wormopt.quantities import check_quantity
 from wormopt.shown import lines, listed

@@ -1,12 +1,20 @@
-"""Schedule: symbols of a Model that are constant on pieces of time."""
+"""Symbols of a Model that time determines: constant on pieces, varying at random, or delayed.
+
+A Model with delays is simulated as one with schedules: its memory contains signals of the past as
+Chebyshev series, whose coefficients are constant on pieces of time.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.given import check_flag, check_kind, check_name, check_number, make_plain
@@ -126,3 +134,279 @@ class Schedule:
         if not self.periodic and piece[0] + 1 == self.pieces:
             return math.inf
         return float(begin[0] - self.breaks[piece[0]] + self.breaks[piece[0] + 1])
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterPath:
+    """A column of parameters as polynomials in the time since each piece began.
+
+    The first and last piece go on for ever. Raises ArgumentError if shapes disagree or
+    breaks do not ascend from 0.
+    """
+
+    breaks: np.ndarray  # (pieces + 1,) from 0, ascending, with the last end
+    coefficients: np.ndarray  # (pieces, n, degree + 1) by ascending power
+
+    def __post_init__(self) -> None:
+        if self.coefficients.ndim != 3 or self.breaks.shape != (len(self.coefficients) + 1,):
+            raise ArgumentError("coefficients must have the shape (pieces, n, degree + 1)")
+        ascending = np.all(np.isfinite(self.breaks)) and np.all(np.diff(self.breaks) > 0)
+        if self.breaks[0] != 0 or not ascending:
+            raise ArgumentError("breaks must ascend from 0, one more than there are pieces")
+
+    @property
+    def size(self) -> int:
+        """Number of parameters n."""
+        return self.coefficients.shape[1]
+
+    @property
+    def values(self) -> np.ndarray:
+        """Coefficients as the `Schedule` wants them, shape (pieces, n (degree + 1)).
+
+        Paths drawn alike share one compiled model: only these numbers differ.
+        """
+        return self.coefficients.transpose(0, 2, 1).reshape(len(self.coefficients), -1)
+
+    def __call__(self, t: np.ndarray) -> np.ndarray:
+        """Evaluate at times (m,), giving (n, m); at a break the later piece applies."""
+        t = np.asarray(t, dtype=float)
+        last = len(self.coefficients) - 1
+        piece = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, last)
+        s, values = t - self.breaks[piece], np.zeros((self.size, len(t)))
+        for column in self.coefficients[piece].T[::-1]:
+            values = values * s + column
+        return values
+
+    def schedule(self, name: str, time: ca.SX) -> tuple[ca.SX, Schedule]:
+        """Convert the path for use in a Model.
+
+        Returns the parameters (n, 1) and the Schedule of their symbols. `name`: the scheduled
+        quantity, such as "stiffness"; `time`: the model's symbol of time.
+        """
+        symbol, begin = ca.SX.sym(name, self.values.shape[1]), ca.SX.sym(f"{name}_begin")
+        powers = ca.vertsplit(symbol, self.size)
+        expression = powers[-1]
+        for power in powers[-2::-1]:
+            expression = expression * (time - begin) + power
+        return expression, Schedule(name, symbol, begin, self.breaks, self.values)
+
+
+def piecewise_constant(
+    rng: np.random.Generator,
+    mean: ArrayLike,
+    spread: ArrayLike,
+    interval: float,
+    horizon: float,
+) -> ParameterPath:
+    """Draw parameters that take new, independent values after every interval.
+
+    Uniform on mean ± spread, (n,), 0 <= spread < mean, so positive; the last stays after
+    `horizon`. Raises ArgumentError if a parameter might not be positive, or a time is not.
+    """
+    mean, spread = _columns(mean, spread)
+    if not np.all((spread >= 0) & (spread < mean) & np.isfinite(mean)):
+        raise ArgumentError("a random parameter stays positive only with 0 <= spread < mean")
+    breaks = _grid(interval, horizon, "interval")
+    values = rng.uniform(mean - spread, mean + spread, (len(breaks) - 1, len(mean)))
+    return ParameterPath(breaks, values[:, :, None])
+
+
+def ornstein_uhlenbeck(
+    rng: np.random.Generator,
+    mean: ArrayLike,
+    deviation: ArrayLike,
+    correlation_time: float,
+    step: float,
+    horizon: float,
+) -> ParameterPath:
+    """Draw mean exp(s z - s²/2), s² = log(1 + (deviation/mean)²), z a unit-variance OU process.
+
+    Covariance over a time h is mean² (exp(s² exp(-h/correlation_time)) - 1), exact on the
+    grid (Gillespie, Phys. Rev. E 54, 2084, 1996); linear between, constant after `horizon`.
+    """
+    mean, deviation = _columns(mean, deviation)
+    if not np.all((mean > 0) & (deviation >= 0) & np.isfinite(mean + deviation)):
+        raise ArgumentError("a random parameter needs mean > 0 and deviation >= 0")
+    if not 0 < correlation_time < math.inf:
+        raise ArgumentError("correlation_time must be positive and finite")
+    breaks = _grid(step, horizon, "step")
+    breaks = np.append(breaks, breaks[-1] + step)
+    kept = math.exp(-step / correlation_time)
+    fresh = math.sqrt(-math.expm1(-2 * step / correlation_time))
+    z = rng.standard_normal((len(breaks) - 1, len(mean)))
+    for k in range(1, len(z)):
+        z[k] = kept * z[k - 1] + fresh * z[k]
+    s = np.sqrt(np.log1p((deviation / mean) ** 2))
+    values = mean * np.exp(s * z - s**2 / 2)
+    slopes = np.diff(values, axis=0, append=values[-1:]) / np.diff(breaks)[:, None]
+    return ParameterPath(breaks, np.stack([values, slopes], axis=2))
+
+
+def _columns(mean: ArrayLike, spread: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    mean, spread = np.broadcast_arrays(
+        *(np.atleast_1d(np.asarray(a, float)) for a in (mean, spread))
+    )
+    return mean, spread
+
+
+def _grid(step: float, horizon: float, name: str) -> np.ndarray:
+    """Multiples of ``step`` up to the first that reaches the horizon."""
+    if not (0 < step < math.inf and 0 < horizon < math.inf):
+        raise ArgumentError(f"{name} and horizon must be positive and finite")
+    # rounding must not add a step to a horizon of whole steps
+    return step * np.arange(math.ceil(horizon / step * (1 - 1e-12)) + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Delay:
+    """Signal some time ago: ``symbol(t) = signal(t - lag)``.
+
+    Parameters
+    ----------
+    name : str
+        What is remembered, for instance ``"past_error"``.
+    symbol : casadi.SX
+        Column of m symbols that stand for the past in the model's equations.
+    signal : casadi.SX
+        Column of m expressions of time, states, parameters and schedules, without contact forces
+        and without other delays.
+    lag : float or casadi.SX
+        How long ago, positive; a number, or an expression of the model's parameters.
+    before : casadi.SX, optional
+        What the signal was before the start, a column of m expressions of time and parameters.
+        If left out it was what it is at the start.
+
+    Raises
+    ------
+    ArgumentError
+        If sizes disagree, what should be an expression is none, or the lag is not positive and
+        finite.
+
+    Examples
+    --------
+    >>> x, past = ca.SX.sym("x"), ca.SX.sym("past")
+    >>> Delay("past", past, x, lag=0.1).symbol
+    SX(past)
+    """
+
+    name: str
+    symbol: ca.SX
+    signal: ca.SX
+    lag: float | ca.SX
+    before: ca.SX | None = None
+
+    def __post_init__(self) -> None:
+        check_kind("name of a delay", self.name, str)
+        for name in ("symbol", "signal", "before"):
+            value = getattr(self, name)
+            if name != "before" or value is not None:
+                check_kind(f"delay {self.name}: {name}", value, ca.SX)
+        columns = [self.signal] if self.before is None else [self.signal, self.before]
+        shape = (self.symbol.numel(), 1)
+        if not self.symbol.is_valid_input() or any(c.shape != shape for c in columns):
+            raise ArgumentError(f"delay {self.name}: signal and symbol must be columns of one size")
+        if not isinstance(self.lag, ca.SX):
+            check_number(f"delay {self.name}: lag", self.lag, above=0.0)
+
+
+DEGREE = 11
+"""Of the polynomials; their local error is far below that of steps of order 8."""
+_NODES = chebyshev.chebpts1(DEGREE + 1)
+_FIT = np.linalg.inv(chebyshev.chebvander(_NODES, DEGREE)).T
+# Points between the nodes at which a fit is checked.
+_TRIED = np.array([-0.998, -0.93, -0.7, -0.37, 0.06, 0.43, 0.76, 0.95, 0.999])
+_TRIAL = chebyshev.chebvander(_TRIED, DEGREE).T
+_PLACES = (np.append(_NODES, _TRIED) + 1) / 2
+# For a single step.
+_HALVINGS = 4
+# Jumps of a derivative that have passed this often through the equations are beyond the order of
+# the steps: every pass smooths them at least once.
+GENERATIONS = 8
+
+Course = Callable[[np.ndarray], np.ndarray]
+"""Values (m, k) of a signal at times (k,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A signal on a piece of time."""
+
+    begin: float
+    end: float
+    values: np.ndarray  # (1 + m (DEGREE + 1),) as `Memory.symbol`
+    # how often the jump of a derivative at `begin` has passed through the equations
+    generation: int
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """The past of one Delay as a schedule."""
+
+    delay: Delay
+
+    @cached_property
+    def symbol(self) -> ca.SX:
+        """Length of the piece, then the coefficients of the first row, of the second, ..."""
+        m = self.delay.symbol.numel()
+        return ca.SX.sym(self.delay.name, 1 + m * (DEGREE + 1))  # type: ignore[no-any-return]
+
+    @cached_property
+    def begin(self) -> ca.SX:
+        """When the piece begins."""
+        return ca.SX.sym(f"{self.delay.name}_begin")  # type: ignore[no-any-return]
+
+    def value(self, t: ca.SX) -> ca.SX:
+        """The past as an expression of time and `symbol` (Clenshaw's sum)."""
+        m = self.delay.symbol.numel()
+        s = 2 * (t - self.begin) / self.symbol[0] - 1
+        rows = ca.reshape(self.symbol[1:], DEGREE + 1, m).T
+        above, sums = ca.SX(m, 1), rows[:, DEGREE]
+        for k in range(DEGREE - 1, 0, -1):
+            above, sums = sums, rows[:, k] + 2 * s * sums - above
+        return rows[:, 0] + s * sums - above
+
+    def schedule(self, pieces: list[Piece], lag: float) -> Schedule:
+        """Schedule of these pieces, delayed by `lag`."""
+        start = pieces[0].begin
+        breaks = np.array([0.0, *(piece.end - start for piece in pieces)])
+        values = np.array([piece.values for piece in pieces])
+        return Schedule(self.delay.name, self.symbol, self.begin, breaks, values, start=start + lag)
+
+
+def recalled(expression: ca.SX, memories: Sequence[Memory], t: ca.SX) -> ca.SX:
+    """Replace signals of the past by their polynomials."""
+    if not memories:
+        return expression
+    past = ca.vertcat(*(memory.delay.symbol for memory in memories))
+    return ca.substitute(expression, past, ca.vertcat(*(memory.value(t) for memory in memories)))
+
+
+def fitted(
+    course: Course,
+    begin: float,
+    end: float,
+    knots: np.ndarray,
+    allowed: float,
+    generation: int,
+    halvings: int = _HALVINGS,
+) -> list[Piece]:
+    """Pieces of a signal that is smooth, up to rounding, except at `knots`, the ends of steps.
+
+    Their error is at most `allowed`, if halving a step so often suffices. Each step is examined:
+    steps are short where the signal is narrow.
+    """
+    length = end - begin
+    inner = knots[(knots > begin + 1e-9 * length) & (knots < end - 1e-9 * length)]
+    edges = np.concatenate([[begin], inner, [end]])
+    middles = (edges[:-1] + edges[1:]) / 2
+    values = course(np.append(begin + _PLACES * length, middles))
+    coefficients = values[:, : DEGREE + 1] @ _FIT
+    trial = np.hstack([_TRIAL, chebyshev.chebvander(2 * (middles - begin) / length - 1, DEGREE).T])
+    error = np.abs(coefficients @ trial - values[:, DEGREE + 1 :]).max(initial=0.0)
+    if not error > allowed or (halvings == 0 and not len(inner)):
+        return [Piece(begin, end, np.append(length, coefficients.ravel()), generation)]
+    middle = (begin + end) / 2
+    cut = float(inner[np.argmin(np.abs(inner - middle))]) if len(inner) else middle
+    left = halvings - (len(inner) == 0)
+    first = fitted(course, begin, cut, inner, allowed, generation, left)
+    return first + fitted(course, cut, end, inner, allowed, GENERATIONS, left)

@@ -1,4 +1,4 @@
-"""Solve a BoundaryProblem: one polynomial at Legendre points, Newton's method, continuation.
+"""Boundary value problems: equations along [0, 1], solved by one polynomial at Legendre points.
 
 Unknowns are the states at the start and at the points, and the unknown parameters. States are
 integrals of their rates, whose matrix stays well conditioned at any degree. Derivatives are
@@ -16,10 +16,38 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import legendre
 
-from wormopt.errors import SolveError
-from wormopt.model.boundary import BoundaryProblem
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.numerics.collocation import Collocation
 from wormopt.numerics.newton import newton
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryProblem:
+    """States y(s) with dy/ds = ode(y, p, given), 0 <= s <= 1, and conditions at the ends.
+
+    Raises ArgumentError unless there are n_y + n_p conditions.
+    """
+
+    y: ca.SX  # (n_y, 1) symbols of the states
+    p: ca.SX  # (n_p, 1) symbols of unknown numbers
+    given: ca.SX  # (n_given, 1) symbols of the parameters of continuation
+    ode: ca.SX  # (n_y, 1) in y, p and given
+    start: ca.SX  # (n_y, 1) symbols of the states at 0
+    end: ca.SX  # (n_y, 1) symbols of the states at 1
+    conditions: ca.SX  # (n_y + n_p, 1) in start, end, p and given; 0 for solutions
+    names: tuple[str, ...]  # of the states
+
+    def __post_init__(self) -> None:
+        n_y, n_p = self.y.numel(), self.p.numel()
+        if self.conditions.numel() != n_y + n_p:
+            raise ArgumentError(
+                f"{n_y} states and {n_p} unknown numbers need {n_y + n_p} conditions, "
+                f"not {self.conditions.numel()}"
+            )
+        sizes = {self.ode.numel(), self.start.numel(), self.end.numel(), len(self.names), n_y}
+        if sizes != {n_y}:
+            raise ArgumentError("ode, start, end and names must have one entry for each state")
+
 
 Guess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 _LAST_STEP = 1e-12
@@ -82,7 +110,7 @@ class _Equations:
         return np.concatenate([inside.ravel(), rest.ravel()]), matrix
 
     def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Residuals at sets of unknowns, see `wormopt.numerics.newton`."""
+        """Residuals at sets of unknowns, see `wormopt.numerics.roots`."""
         return np.array([self._at(z, given)[0] for z, given in zip(x, p, strict=True)])
 
     def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.labelled import SampledMotion
 from wormopt.model.gait import Gait
 from wormopt.model.given import check_number, make_plain
-from wormopt.model.motion import SampledMotion
 from wormopt.model.values import numbers
 from wormopt.numerics.collocation import bernstein_matrix
 from wormopt.ocp.mesh import Arcs, Mesh, interpolation

@@ -1,22 +1,23 @@
-"""A transcribed problem as stages: arcs linearised one by one, their inner unknowns eliminated.
+"""A transcribed problem as stages: arcs linearised one by one, solved as quadratic programs.
 
-An arc becomes its end as a function of its start and inputs, with a quadratic cost: the form of
-receding and moving horizons, with the same equations as those of the nonlinear program.
+Inner unknowns are eliminated: an arc becomes its end as a function of its start and inputs, with a
+quadratic cost: the form of receding and moving horizons, with the same equations as those of the
+nonlinear program. HPIPM solves the quadratic programs, through CasADi.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.numerics.expressions import Call
 from wormopt.ocp.arc import limits_of
 from wormopt.ocp.nlp import Bounds
 from wormopt.ocp.transcription import Transcription
-from wormopt.simulation.call import Call
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,3 +192,203 @@ def _weights(program: Transcription) -> np.ndarray:
     if equal != inner or mesh.input_degree:
         raise ArgumentError("stages take inputs that are constant on each arc")
     return np.asarray(ca.DM(slope)).ravel()
+
+
+_SOLVER = "hpipm"
+_EXACT = dict.fromkeys(("res_g_max", "res_b_max", "res_d_max"), 1e-9) | {"res_m_max": 1e-11}
+_OPTIONS = {"mode": "balance", "iter_max": 50, **_EXACT}
+# HPIPM needs all bounds: changes, in nominal sizes, are limited by this instead. The usual 1e8
+# would cost all its iterations.
+_FAR = 1e4
+# Tolerance of dynamics and box, relative to the largest change.
+_HOLDS = 1e-6
+# Least slope relative to its terms, and remaining distance down the slope.
+_STILL = 1e-4
+# Slopes with smaller terms are 0: multipliers times distance are exact to 1e-11.
+_SLOPE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Tail:
+    """Quadratic cost of the last state, as a function of its change."""
+
+    gradient: np.ndarray  # (n_x,)
+    hessian: np.ndarray  # (n_x, n_x)
+
+    @classmethod
+    def none(cls, n_x: int) -> Tail:
+        """Zero cost of the last state."""
+        return cls(np.zeros(n_x), np.zeros((n_x, n_x)))
+
+
+class StageProgram:
+    """min sum of quadratic costs of v = (x, u), x_{k+1} = end_k + dynamics_k v_k, u in a box.
+
+    Made once for a number of stages. Raises ArgumentError if this CasADi has no HPIPM.
+    """
+
+    def __init__(self, stages: int, n_x: int, n_u: int) -> None:
+        if not ca.has_conic(_SOLVER):
+            raise ArgumentError(f"this CasADi has no QP solver {_SOLVER!r}; take that of PyPI")
+        # BLASFEO 0.1.4 solves n of n + 1 triangular equations wrongly where n is 3, 7, 11 ...
+        # (dtrsv_ltn_mn): such stages get an idle input.
+        self._idle = int(n_x == 1 and n_u % 4 == 3)
+        n_u += self._idle
+        self.stages, self.n_x, self.n_u = stages, n_x, n_u
+        n_v = n_x + n_u
+        # The first state is known and no variable: equal bounds would slow HPIPM down.
+        self._costs, self._rows = (m.sparsity() for m in self._patterns())
+        # positions of the nonzeros among those of the stages
+        i, j = (np.array(p) + n_x for p in (self._costs.row(), self._costs.get_col()))
+        k = np.minimum(i // n_v, stages)
+        self._cost_places = k, i - k * n_v, j - k * n_v
+        i, j = np.array(self._rows.row()), np.array(self._rows.get_col()) + n_x
+        k = i // n_x
+        self._row_places = k, i - k * n_x, j - k * n_v
+        self._solver = ca.conic(
+            "stages",
+            _SOLVER,
+            {"h": self._costs, "a": self._rows},
+            {
+                "N": stages,
+                "nx": [0] + [n_x] * stages,
+                "nu": [n_u] * stages + [0],
+                "ng": [0] * (stages + 1),
+                "inf": _FAR,
+                "error_on_fail": False,
+                "hpipm": _OPTIONS,
+            },
+        )
+
+    def _patterns(self) -> tuple[ca.DM, ca.DM]:
+        """Ones where the Hessian and the rows of the dynamics may have entries."""
+        n_x, n_v = self.n_x, self.n_x + self.n_u
+        blocks = [ca.DM.ones(n_v, n_v)] * self.stages
+        costs = ca.diagcat(*blocks, ca.DM.ones(n_x, n_x))
+        now = ca.diagcat(*[ca.DM.ones(n_x, n_v)] * self.stages)
+        then = ca.diagcat(*[ca.horzcat(ca.DM(n_x, self.n_u), ca.DM.eye(n_x))] * self.stages)
+        rows = ca.horzcat(now, ca.DM(now.shape[0], n_x))
+        rows += ca.horzcat(ca.DM(then.shape[0], n_x), then)
+        return costs[n_x:, n_x:], rows[:, n_x:]
+
+    def solve(
+        self,
+        first: np.ndarray,
+        arcs: Linearised,
+        gaps: np.ndarray,
+        tail: Tail,
+        box: tuple[np.ndarray, np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Find changes (N, n_v) of all stages and (n_x,) of the last state, and whether they fit.
+
+        `first` (n_x,): change of the first state; `gaps` (N, n_x): differences between the end of
+        each arc and the next start; `box`: least and largest change of inputs, (N, n_u) each.
+        """
+        box = np.clip(box[0], -_FAR, None), np.clip(box[1], None, _FAR)
+        parts = (first, arcs.hessian, arcs.dynamics, arcs.gradient, gaps)
+        if not (all(np.isfinite(part).all() for part in parts) and np.all(box[0] <= box[1])):
+            return np.zeros(arcs.gradient.shape), np.zeros(self.n_x), False
+        if self._idle:
+            one = np.ones((self.stages, 1))
+            arcs = _with_idle_input(arcs)
+            box = np.hstack([box[0], -one]), np.hstack([box[1], one])
+        v, end, multipliers = self._solve(first, arcs, gaps, tail, box)
+        solved = _holds(v, end, arcs, gaps, box) and _still(v, end, arcs, tail, box, multipliers)
+        return v[:, : v.shape[1] - self._idle], end, solved
+
+    def _solve(
+        self,
+        first: np.ndarray,
+        arcs: Linearised,
+        gaps: np.ndarray,
+        tail: Tail,
+        box: tuple[np.ndarray, np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Both changes, and multipliers (N, n_x) of the dynamics."""
+        n, n_x, n_v = self.stages, self.n_x, self.n_x + self.n_u
+        slopes, ahead = arcs.gradient.copy(), gaps.copy()
+        slopes[0, n_x:] += arcs.hessian[0, n_x:, :n_x] @ first
+        ahead[0] += arcs.dynamics[0, :, :n_x] @ first
+        low, high = np.full((2, n * n_v + n_x), np.inf)
+        low *= -1
+        for side, given in ((low, box[0]), (high, box[1])):
+            side[: n * n_v].reshape(n, n_v)[:, n_x:] = given
+        answer = self._solver(
+            h=self._hessian(arcs, tail),
+            a=self._dynamics(arcs),
+            g=np.append(slopes, tail.gradient)[n_x:],
+            lba=-ahead.ravel(),
+            uba=-ahead.ravel(),
+            lbx=low[n_x:],
+            ubx=high[n_x:],
+        )
+        found = np.append(first, np.asarray(answer["x"]).ravel())
+        v, end = found[: n * n_v].reshape(n, n_v), found[n * n_v :]
+        v[:, n_x:] = np.clip(v[:, n_x:], *box)  # exactly
+        return v, end, np.asarray(answer["lam_a"]).reshape(n, n_x)
+
+    def _hessian(self, arcs: Linearised, tail: Tail) -> ca.DM:
+        last = np.zeros((1, self.n_x + self.n_u, self.n_x + self.n_u))
+        last[0, : self.n_x, : self.n_x] = tail.hessian
+        return ca.DM(self._costs, np.concatenate([arcs.hessian, last])[self._cost_places])
+
+    def _dynamics(self, arcs: Linearised) -> ca.DM:
+        minus = np.broadcast_to(-np.eye(self.n_x), (self.stages, self.n_x, self.n_x))
+        rows = np.concatenate([arcs.dynamics, minus], axis=2)
+        return ca.DM(self._rows, rows[self._row_places])
+
+
+def _with_idle_input(arcs: Linearised) -> Linearised:
+    """The same arcs with one more input, of cost u^2 / 2, without effect."""
+    n, n_x, n_v = arcs.dynamics.shape
+    hessian = np.zeros((n, n_v + 1, n_v + 1))
+    hessian[:, :n_v, :n_v], hessian[:, n_v, n_v] = arcs.hessian, 1.0
+    return replace(
+        arcs,
+        dynamics=np.concatenate([arcs.dynamics, np.zeros((n, n_x, 1))], axis=2),
+        gradient=np.column_stack([arcs.gradient, np.zeros(n)]),
+        hessian=hessian,
+    )
+
+
+def _holds(
+    v: np.ndarray,
+    end: np.ndarray,
+    arcs: Linearised,
+    gaps: np.ndarray,
+    box: tuple[np.ndarray, np.ndarray],
+) -> bool:
+    """Whether changes satisfy dynamics and box, recomputed here."""
+    n_x = len(end)
+    missed = (arcs.dynamics @ v[:, :, None])[:, :, 0] + gaps
+    missed -= np.concatenate([v[1:, :n_x], end[None]])
+    beyond = np.maximum(box[0] - v[:, n_x:], v[:, n_x:] - box[1])
+    return bool(max(np.abs(missed).max(), beyond.max()) <= _HOLDS * max(1.0, np.abs(v).max()))
+
+
+def _still(
+    v: np.ndarray,
+    end: np.ndarray,
+    arcs: Linearised,
+    tail: Tail,
+    box: tuple[np.ndarray, np.ndarray],
+    multipliers: np.ndarray,
+) -> bool:
+    """Whether no descent is left, recomputed: the solver may give up silently.
+
+    Each slope of the Lagrangian is negligible relative to its terms, or the distance down it is.
+    """
+    n_x = len(end)
+    parts = np.zeros((4, len(v) + 1, v.shape[1]))
+    parts[0, :-1] = arcs.gradient
+    parts[1, :-1] = (arcs.hessian @ v[:, :, None])[:, :, 0]
+    parts[2, :-1] = (multipliers[:, None, :] @ arcs.dynamics)[:, 0, :]
+    parts[3, 1:, :n_x] = -multipliers
+    parts[0, -1, :n_x], parts[1, -1, :n_x] = tail.gradient, tail.hessian @ end
+    parts[:, 0, :n_x] = 0.0  # the first state is given
+    slope = parts.sum(axis=0)
+    off = np.abs(slope) / (np.abs(parts).sum(axis=0) + _SLOPE)
+    inputs = v[:, n_x:]
+    room = np.where(slope[:-1, n_x:] > 0, inputs - box[0], box[1] - inputs)
+    off[:-1, n_x:] = np.minimum(off[:-1, n_x:], room / max(1.0, np.abs(v).max()))
+    return bool(off.max() <= _STILL)

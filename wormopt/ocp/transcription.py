@@ -20,12 +20,298 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.modes import ModeSequence
-from wormopt.ocp.arc import Arc
-from wormopt.ocp.bounds import ProgramBounds
+from wormopt.model.values import signal_values
+from wormopt.ocp.arc import Arc, limits_of
 from wormopt.ocp.contact import FixedModes, Treatment
 from wormopt.ocp.mesh import Arcs, Mesh, interpolation
 from wormopt.ocp.nlp import Bounds, NonlinearProgram
 from wormopt.ocp.problem import Problem
+
+# Distance inside an arc, as a share of it, at which schedules are evaluated: sums of durations
+# miss breaks by round-off.
+_WITHIN = 1e-9
+
+
+class ProgramBounds:
+    """Bounds of the nonlinear program of a `Transcription`, for any modes or level.
+
+    `sizes`: rows per arc of each kind of constraint, of joints in all; `n_totals`: number of
+    variables for ends, duration and integrals.
+    """
+
+    def __init__(self, arc: Arc, sizes: Mapping[str, int], n_totals: int) -> None:
+        self.arc, self.problem, self.mesh = arc, arc.problem, arc.mesh
+        self._sizes, self._n_totals = sizes, n_totals
+
+    def bounds(
+        self,
+        level: ModeSequence | float,
+        p: Mapping[str, ArrayLike] | None,
+        pins: Mapping[int, float] | None,
+        active: Sequence[Sequence[int]] | None,
+    ) -> Bounds:
+        """Bounds and parameters, see `Transcription.bounds`.
+
+        Raises ArgumentError if modes or schedules do not fit the mesh.
+        """
+        n, at = self.mesh.total, self.arc.layout
+        fixed = signal_values(self.problem.parameters, p, "parameter")
+        lower, upper = self._variable_bounds(fixed)
+        starts = self._pin_times(lower, upper, pins)
+        if active is not None:
+            self._hold_inputs(lower, upper, np.array(active)[self.mesh.phase].T)
+        if self.arc.modal:
+            levels, following, rows = self._modal(level, fixed, lower, upper)
+        else:
+            levels = np.full(n * self.arc.closure.level.numel(), level)
+            following, rows = np.zeros(0), self._row_bounds(None, fixed)
+        small = np.full(self._sizes["small"] * n, levels[0] if len(levels) else 0.0)
+        parts = [
+            (np.zeros(self._sizes["equal"] * n), np.zeros(self._sizes["equal"] * n)),
+            (-small, small),
+            (-following, following),
+            rows,
+            (np.zeros(self._sizes["joints"]), np.zeros(self._sizes["joints"])),
+            *(b.scaled for b in self.problem.boundary_constraints),
+        ]
+        lbg, ubg = (np.concatenate([part[k] for part in parts]) for k in range(2))
+        design = limits_of(self.problem.design)
+        totals = self._total_bounds()
+        lbw, ubw = (
+            np.concatenate([box.ravel(order="F"), total, d])
+            for box, total, d in zip((lower, upper), totals, design, strict=True)
+        )
+        assert lower.shape == (at.size, n)
+        parameters = np.concatenate([levels, self._schedules(starts), fixed])
+        return Bounds(lbw, ubw, lbg, ubg, parameters)
+
+    def _variable_bounds(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes of all arcs' variables, shape (size, n)."""
+        arc, at, n = self.arc, self.arc.layout, self.mesh.total
+        lower, upper = np.full((at.size, n), -np.inf), np.full((at.size, n), np.inf)
+        lower[0], upper[0] = 0.0, self.problem.duration[1] / arc.time_nominal
+        if self.mesh.shares is not None:  # the first arc of a phase bounds the others
+            later = np.diff(self.mesh.phase, prepend=-1) == 0
+            lower[0, later], upper[0, later] = -np.inf, np.inf
+        d = self.mesh.collocation.degree
+        blocks = [
+            (at.inputs, limits_of(self.problem.model.u), self.mesh.input_degree + 1),
+            (at.slacks, limits_of(self.problem.slacks), d),
+            (at.algebraic, limits_of(self.problem.model.z), d),
+            (at.unknowns, arc.unknown_limits(p), d),
+        ]
+        for rows, (low, high), repeats in blocks:
+            lower[rows] = np.tile(low, repeats)[:, None]
+            upper[rows] = np.tile(high, repeats)[:, None]
+        return lower, upper
+
+    def _total_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of ends, duration and integrals: only the duration has its own."""
+        high = np.full(self._n_totals, np.inf)
+        low = -high
+        if not self.arc.fixed_grid:
+            row = self.problem.model.n_x
+            low[row], high[row] = np.array(self.problem.duration) / self.arc.time_nominal
+        return low, high
+
+    def _hold_inputs(self, lower: np.ndarray, upper: np.ndarray, active: np.ndarray) -> None:
+        """Hold inputs at their limits where ``active``, shape (n_u, N), says so."""
+        rows = self.arc.layout.inputs
+        held = np.tile(active, (self.mesh.input_degree + 1, 1))
+        lower[rows] = np.where(held > 0, upper[rows], lower[rows])
+        upper[rows] = np.where(held < 0, lower[rows], upper[rows])
+
+    def _pin_times(
+        self, lower: np.ndarray, upper: np.ndarray, pins: Mapping[int, float] | None
+    ) -> np.ndarray:
+        """Fix known durations and clocks; returns the times at which schedules are evaluated."""
+        n, at, nominal = self.mesh.total, self.arc.layout, self.arc.time_nominal
+        if self.arc.fixed_grid:
+            if pins:
+                raise ArgumentError("on a fixed grid nothing is left to pin")
+            duration = np.array(self.mesh.shares) * self.problem.duration[1]
+            begin = np.concatenate([[0.0], np.cumsum(duration)[:-1]])
+            lower[0] = upper[0] = duration / nominal
+            if self.arc.timed:
+                lower[at.clock] = upper[at.clock] = begin / nominal
+            self._check_breaks(begin, duration)
+            return begin + _WITHIN * duration
+        times = self._checked_pins(pins)
+        first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
+        if self.arc.timed:
+            for phase, time in times.items():
+                lower[at.clock, first[phase]] = upper[at.clock, first[phase]] = time / nominal
+        known = np.array(sorted(times))
+        last = np.searchsorted(known, self.mesh.phase, side="right") - 1
+        assert len(last) == n
+        return np.array([times[k] for k in known])[last]
+
+    def _checked_pins(self, pins: Mapping[int, float] | None) -> dict[int, float]:
+        """Times at which phases begin; schedules must not break at others."""
+        times = {0: 0.0, **(pins or {})}
+        if times[0] != 0.0:
+            raise ArgumentError("the first phase begins at 0; pin later ones")
+        if pins and not self.arc.timed:
+            raise ArgumentError("times of phases are pinned only where the model depends on time")
+        breaks = self.problem.model.breaks(self.problem.duration[1])[1:-1]
+        loose = [t for t in breaks if not any(np.isclose(t, pin) for pin in times.values())]
+        if loose:
+            raise ArgumentError(
+                f"a schedule breaks at t = {loose[0]:.6g} within a phase of free duration; "
+                "pin the phase that begins there (pins)"
+            )
+        return times
+
+    def _check_breaks(self, begin: np.ndarray, duration: np.ndarray) -> None:
+        slack = _WITHIN * duration
+        for schedule in self.problem.model.schedules:
+            _, there = schedule.locate(begin + slack)
+            since, piece = schedule.locate(begin + duration - slack)
+            if np.any(there != piece) or np.any(since > begin + slack):
+                raise ArgumentError(
+                    f"the {schedule.name} breaks within an arc; put its breaks between arcs "
+                    "(Mesh.over)"
+                )
+
+    def _schedules(self, starts: np.ndarray) -> np.ndarray:
+        columns = []
+        for schedule in self.problem.model.schedules:
+            begin, piece = schedule.locate(starts)
+            columns += [begin[:, None], schedule.values[piece]]
+        return np.hstack(columns).ravel() if columns else np.zeros(0)
+
+    # -- bounds of prescribed modes ----------------------------------------------------------
+
+    def _modal(
+        self, modes: ModeSequence | float, p: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """Levels, slack of followers and bounded rows of a mode sequence; impulses' bounds."""
+        if not isinstance(modes, ModeSequence):
+            raise ArgumentError("prescribed contacts need a ModeSequence")
+        if len(modes.phases) != self.mesh.phases:
+            raise ArgumentError(
+                f"{len(modes.phases)} phases given, the mesh has {self.mesh.phases}"
+            )
+        states = modes.states[self.mesh.phase]  # (arcs, contacts)
+        stick = states == 0
+        follow = np.array([self._followers(row) for row in stick]).reshape(stick.shape)
+        if self.problem.impulses:
+            jumps = self.arc.layout.jumps
+            contacts = slice(jumps.stop - states.shape[1], jumps.stop)
+            lower[contacts], upper[contacts] = 0.0, np.where(stick.T, np.inf, 0.0)
+        levels = np.concatenate([stick, np.where(stick, 1, states), follow], axis=1)
+        held = np.where(np.tile(follow, (1, self.mesh.input_degree + 1)), 0.0, np.inf)
+        held = held if self._sizes["following"] else np.zeros((len(states), 0))
+        return levels.astype(float).ravel(), held.ravel(), self._row_bounds(states, p)
+
+    @cached_property
+    def _delassus(self) -> np.ndarray:
+        function = ca.Function("delassus", self.arc.symbols, [self.problem.model.delassus])
+        arc = self.arc
+        constants = [np.ones(c.shape) for c in arc.constants[:2]]
+        fixed = signal_values(self.problem.parameters, {}, "parameter", fill=1.0)
+        return np.asarray(function(0.0, *arc.nominals, *constants, arc.design_nominal, fixed))
+
+    def _followers(self, stick: np.ndarray) -> np.ndarray:
+        """Sticking contacts whose force has no independent effect on the worm."""
+        follow = np.zeros(len(stick), dtype=bool)
+        led: list[int] = []
+        for i in np.flatnonzero(stick):
+            rows = self._delassus[[*led, i]]
+            if np.linalg.matrix_rank(rows, tol=1e-9 * np.abs(rows).max()) > len(led):
+                led.append(int(i))
+            else:
+                follow[i] = True
+        return follow
+
+    def _row_bounds(
+        self, states: np.ndarray | None, p: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of all bounded rows, arc after arc, without duplicates."""
+        lows, highs = [np.zeros(0)], [np.zeros(0)]
+        hold = self.arc.rests(p)
+        for k in range(self.mesh.total):
+            for box in [*self._contact_rows(states, hold, k), *self._along_rows(k)]:
+                lows.append(box[0].ravel(order="F"))
+                highs.append(box[1].ravel(order="F"))
+        return np.concatenate(lows), np.concatenate(highs)
+
+    def _contact_rows(
+        self, states: np.ndarray | None, hold: np.ndarray, k: int
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Bounds on speeds and forces of the contacts in arc k, where no equality sets them."""
+        if states is None:
+            return []
+        d = self.mesh.collocation.degree
+        now, before = states[k], states[k - 1]
+        begins = (k == 0) & ~self._returns
+        ends = self.problem.impulses or k == self.mesh.total - 1
+        always = (states == 0).all(axis=0) & (k == 0)
+        # without impulses a velocity that turns passes through 0
+        turns = (now * before == -1) & ~begins & (not self.problem.impulses)
+        fresh = (now == 0) & ((before != 0) | begins | always | self.problem.impulses) | turns
+        start = np.where(fresh, 0.0, np.inf)
+        low = np.repeat(
+            np.where(now == 0, hold[:, 0], np.where(now > 0, 0, -np.inf))[:, None], d, 1
+        )
+        high = np.repeat(
+            np.where(now == 0, hold[:, 1], np.where(now > 0, np.inf, 0))[:, None], d, 1
+        )
+        if not self.problem.impulses:  # an equality sets its initial speed to 0
+            settled = (now != 0) & ((before == 0) | turns) & ~begins
+            low[settled, 0], high[settled, 0] = -np.inf, np.inf
+        rows = [(-start, start), (low, high)]
+        if self.arc.keeps_ends:
+            last = np.where((now > 0) & ends, 0.0, -np.inf), np.where((now < 0) & ends, 0.0, np.inf)
+            rows.append(last)
+        return rows
+
+    def _along_rows(self, k: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        d = self.mesh.collocation.degree
+        ends = self.problem.impulses or k == self.mesh.total - 1
+        rows = []
+        for bound, state_only in zip(self.arc.along, self.arc.state_only, strict=True):
+            columns = d + (state_only and self.arc.keeps_ends)
+            boxes = []
+            for value, free in zip(bound.scaled, (-np.inf, np.inf), strict=True):
+                box = np.repeat(value[:, None], columns, axis=1)
+                if columns > d and not ends:
+                    box[:, d] = free
+                boxes.append(box)
+            rows.append((boxes[0], boxes[1]))
+        return rows
+
+    @cached_property
+    def _returns(self) -> np.ndarray:
+        """Contacts whose velocity at the end is that of the start, shape (n_c,)."""
+        model, back = self.problem.model, self.problem.periodic
+        others = [s.symbol for s in model.x if s.name not in back]
+        open_states = ca.vertcat(ca.SX(0, 1), *others)
+        return np.array(
+            [not ca.depends_on(c.velocity, open_states) for c in model.contacts], dtype=bool
+        )
+
+    def name_of(self, row: int) -> str:
+        """Description of a row of the constraints; see `Transcription.name_of`."""
+        n = self.mesh.total
+        names = ["the equations of motion or of contact", "complementarity", "sharing of load"]
+        sizes = [n * self._sizes[k] for k in ("equal", "small", "following")]
+        per_arc: list[str] = []
+        along = sum(box[0].size for box in self._along_rows(0))
+        per_arc += ["a contact's mode"] * (self._sizes["rows"] - along)
+        for bound, box in zip(self.arc.along, self._along_rows(0), strict=True):
+            per_arc += [bound.name] * box[0].size
+        if row < sum(sizes):
+            return names[int(np.searchsorted(np.cumsum(sizes), row, side="right"))]
+        row -= sum(sizes)
+        if row < n * len(per_arc):
+            return per_arc[row % len(per_arc)]
+        row -= n * len(per_arc)
+        ends = [
+            b.name for b in self.problem.boundary_constraints for _ in range(b.expression.numel())
+        ]
+        rest = ["continuity or the period"] * self._sizes["joints"] + ends
+        return rest[row]
 
 
 class Transcription:

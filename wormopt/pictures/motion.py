@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from wormopt.model.motion import SampledMotion
+from wormopt.labelled import SampledMotion
 from wormopt.pictures.page import Panel
 from wormopt.pictures.style import STYLE, sheet
 

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from wormopt.kinds import KINDS
-from wormopt.reports.words import escaped
+from wormopt.reports.parts import escaped
 from wormopt.result import Result
 
 if TYPE_CHECKING:

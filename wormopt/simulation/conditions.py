@@ -19,7 +19,7 @@ from wormopt.model.given import fields_of
 from wormopt.model.model import Contact, Model, Signal, Switch, pack
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import nominal_of, signal_values
-from wormopt.numerics.instructions import read
+from wormopt.numerics.expressions import instructions_of
 
 NAME = "held conditions"
 """Name of the schedule and of the state with the values of conditions."""
@@ -217,7 +217,7 @@ class _Condition:
     def is_nested(self) -> bool:
         """Whether its guard may jump."""
         symbols = ca.vertcat(*ca.symvar(self.guard))
-        operations = read(ca.Function("guard", [symbols], [ca.densify(self.guard)]))[0]
+        operations = instructions_of(ca.Function("guard", [symbols], [ca.densify(self.guard)]))[0]
         return bool(np.isin(operations, _JUMPING).any())
 
 
@@ -248,7 +248,7 @@ class _Graph:
 
     def _read(self, expression: ca.SX) -> None:
         self._function = ca.Function("f", [self._symbols], [expression])
-        self._operations, self._places = (part.tolist() for part in read(self._function))
+        self._operations, self._places = (part.tolist() for part in instructions_of(self._function))
 
     def _sides(self, k: int, arguments: list[ca.SX], _: int) -> ca.SX | None:
         """Two comparisons for a sign, which has three values."""

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import minimize_scalar, root_scalar
 
-from wormopt.simulation.call import Call
+from wormopt.numerics.expressions import Call
 from wormopt.simulation.functions import System
 from wormopt.simulation.grip import ENTRIES
 from wormopt.simulation.initial_value import F_REST, InitialValueProblem

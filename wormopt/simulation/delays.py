@@ -17,13 +17,12 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Signal, pack
-from wormopt.model.schedule import Schedule
+from wormopt.model.schedule import GENERATIONS, Course, Memory, Piece, Schedule, fitted
 from wormopt.progress import Report
 from wormopt.simulation.conditions import lifted
 from wormopt.simulation.functions import System
+from wormopt.simulation.held import scheduled
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
-from wormopt.simulation.instants import scheduled
-from wormopt.simulation.memory import GENERATIONS, Course, Memory, Piece, fitted
 from wormopt.simulation.options import Route
 from wormopt.simulation.routes import integrate
 from wormopt.simulation.steps import Kept

@@ -22,7 +22,6 @@ from wormopt.simulation.held import hold
 from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.routes import STIFF_STEPS
-from wormopt.simulation.sensitivity.directions import Sensitivities
 from wormopt.simulation.simulate import (
     Values,
     check,
@@ -32,6 +31,7 @@ from wormopt.simulation.simulate import (
     trajectory_of,
 )
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.simulation.variation import Sensitivities
 
 _LANES = 8  # number of members from which several are integrated side by side
 Found = tuple[Trajectory, str]
@@ -283,7 +283,7 @@ def _goes_together(model: Model, contact: Treatment, route: Route) -> bool:
     if route not in ("auto", "native"):
         return False
     from wormopt.simulation.native.build import CompilerError
-    from wormopt.simulation.native.herd import takes
+    from wormopt.simulation.native.kernel import takes
 
     try:
         return takes(system_of(model, contact))
@@ -320,7 +320,7 @@ def _work(
     report: Report,
 ) -> None:
     """Integrate waiting members, side by side."""
-    from wormopt.simulation.native.herd import integrate
+    from wormopt.simulation.native.kernel import integrate_side_by_side
 
     taken: dict[InitialValueProblem, tuple[Scenario, Future[Found]]] = {}
 
@@ -344,7 +344,7 @@ def _work(
 
     stiff = []
     try:
-        for made, outcome in integrate(tasks(), report, STIFF_STEPS):
+        for made, outcome in integrate_side_by_side(tasks(), report, STIFF_STEPS):
             if outcome.status == "stiff":
                 stiff.append(made)
                 continue

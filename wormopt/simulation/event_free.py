@@ -31,9 +31,9 @@ from wormopt.model.planar_friction import Elliptic, PlanarLaw
 from wormopt.model.values import nominal_of
 from wormopt.progress import Report, silent
 from wormopt.simulation.held import hold
-from wormopt.simulation.impulses import friction, largest
 from wormopt.simulation.initial_value import InitialValueProblem
-from wormopt.simulation.native.function import repeated
+from wormopt.simulation.moreau import friction, largest
+from wormopt.simulation.native.build import repeated
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.trajectory import Trajectory
 

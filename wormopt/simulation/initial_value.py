@@ -10,14 +10,15 @@ import numpy as np
 
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import nominal_of
-from wormopt.simulation.call import Call
+from wormopt.numerics.expressions import Call
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Smooth, Tolerance
-from wormopt.simulation.sensitivity.directions import Directions
-from wormopt.simulation.sensitivity.variation import Variation, rhs_of, variation
+from wormopt.simulation.variation import Directions, Variation, rhs_of, variation
 
 KINDS = ("reversal", "stick", "release", "impact", "switch")
 """Kinds of events by their numbers."""
+REASONS = ("grazing", "simultaneous", "edge")
+"""Why derivatives are in doubt, by the numbers of integrators."""
 
 F_REST = 1e-13
 """Share of a holding force that is rounding."""
@@ -220,7 +221,7 @@ class Outcome:
     # rows: time, contact (indices of switches follow), index in `KINDS`, mode from then on, then
     # derivatives of the time
     events: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
-    # rows: time, contact or switch, its mode, reason, see `wormopt.simulation.sensitivity.doubts`
+    # rows: time, contact or switch, its mode, index in `REASONS`
     doubts: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     # (1 + changes, 1 + contacts) time, modes from then on
     modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))

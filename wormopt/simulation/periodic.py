@@ -20,10 +20,9 @@ from wormopt.numerics.newton import newton
 from wormopt.progress import Report, silent
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact, Tolerance, Treatment
-from wormopt.simulation.sensitivity.directions import Sensitivities
-from wormopt.simulation.sensitivity.variation import has_derivatives
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.simulation.variation import Sensitivities, has_derivatives
 
 # Changes of the start, in nominal sizes, to differentiate the return map of motions without exact
 # derivatives; negligible last steps.

@@ -23,7 +23,7 @@ from scipy.optimize import minimize, nnls
 
 from wormopt.model.model import Contact
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
-from wormopt.simulation.call import Call
+from wormopt.numerics.expressions import Call
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import GivenUp

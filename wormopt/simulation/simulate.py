@@ -16,14 +16,12 @@ from wormopt.model.model import Model
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import check_names, numbers, signal_values
 from wormopt.progress import Report, silent
-from wormopt.simulation.delays import integrate_delayed
 from wormopt.simulation.functions import System
-from wormopt.simulation.initial_value import InitialValueProblem, Outcome
+from wormopt.simulation.initial_value import REASONS, InitialValueProblem, Outcome
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.routes import integrate
-from wormopt.simulation.sensitivity.directions import Sensitivities, directions
-from wormopt.simulation.sensitivity.doubts import REASONS
 from wormopt.simulation.trajectory import Dense, Event, NonsmoothEvent, Trajectory, latest
+from wormopt.simulation.variation import Sensitivities, directions
 
 Values = Mapping[str, ArrayLike]
 
@@ -181,6 +179,8 @@ def simulate(
         sensitivities=sensitivities,
     )
     if model.delays:
+        from wormopt.simulation.delays import integrate_delayed
+
         return trajectory_of(*integrate_delayed(task, route, report))
     return trajectory_of(task, integrate(task, route, report))
 

@@ -9,12 +9,11 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.motion import SampledMotion
+from wormopt.labelled import SampledMotion
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import KINDS
-from wormopt.simulation.sensitivity.directions import Directions
-from wormopt.simulation.sensitivity.variation import variation
+from wormopt.simulation.variation import Directions, variation
 
 # Points within a step at which a largest value is searched first, and number of refinements. The
 # last is before a jump at the end of the step.

@@ -1,7 +1,7 @@
 """What a user asks for, read into typed tables, and the studies that compute it."""
 
+from wormopt.lazy import on_use
 from wormopt.study.given import Given, entry, number, positive, whole
-from wormopt.study.later import on_use
 from wormopt.study.members import (
     array,
     arrays,

@@ -46,9 +46,8 @@ import msgspec
 from msgspec import NODEFAULT, Meta, Struct, StructMeta
 
 from wormopt.errors import ArgumentError, Fault, SceneError
-from wormopt.quantities import ABSOLUTE, UNITS
-from wormopt.study.overrides import Overrides, as_toml, override
-from wormopt.units import bare_number, has_unit, to_number
+from wormopt.quantities import ABSOLUTE, UNITS, bare_number, has_unit, to_number
+from wormopt.study.toml import Overrides, as_toml, override
 
 _LARGEST = sys.float_info.max
 _SMALL, _LARGE = 1e-30, 1e30

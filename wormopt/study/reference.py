@@ -14,10 +14,9 @@ from typing import Any, Union, get_args, get_origin
 import msgspec
 
 from wormopt.kinds import KINDS
-from wormopt.quantities import unit_of
+from wormopt.quantities import WITH_UNIT, unit_of
 from wormopt.study.given import bare, default_of, describe, meaning, tables_in
 from wormopt.study.swept import Swept
-from wormopt.units import WITH_UNIT
 
 _COMMON = ("schema", "kind", "title", "units")
 

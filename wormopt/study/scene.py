@@ -15,9 +15,9 @@ import msgspec
 from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS, near
 from wormopt.study.given import read_table, read_value
-from wormopt.study.overrides import Overrides, as_toml, override
 from wormopt.study.study import Scene, Study
 from wormopt.study.swept import Swept
+from wormopt.study.toml import Overrides, as_toml, override
 from wormopt.study.types import FOLDER
 
 _NO_SCHEMA = "missing; write 1"

@@ -15,13 +15,12 @@ import msgspec
 import numpy as np
 
 from wormopt.labelled import optional
-from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, has_unit, to_number, unit_of
 from wormopt.result import Result
 from wormopt.study import Scene
 from wormopt.study.reference import quantity_of
 from wormopt.sweeps.axes import Plan, dim_of
 from wormopt.sweeps.store import Record, Status
-from wormopt.units import has_unit, to_number
 
 if TYPE_CHECKING:
     import pandas

@@ -27,9 +27,8 @@ from wormopt.files import hash_of
 from wormopt.fingerprint import code_key
 from wormopt.numerics.workers import alone
 from wormopt.quantities import Scalar
-from wormopt.result import Result
+from wormopt.result import Result, write_netcdf
 from wormopt.runner import attempt
-from wormopt.saving import write_netcdf
 from wormopt.study import Scene
 
 Keep = Literal["results", "scalars"]

@@ -22,8 +22,8 @@ from wormopt.progress import Report, silent
 from wormopt.result import Result
 from wormopt.study import Scene, load_scene
 from wormopt.study.given import read_value
-from wormopt.study.overrides import Overrides
 from wormopt.study.swept import Swept
+from wormopt.study.toml import Overrides
 from wormopt.sweeps.axes import Plan, plan
 from wormopt.sweeps.gathered import gathered
 from wormopt.sweeps.store import (

@@ -14,7 +14,7 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck
 from wormopt.model.given import fields_of
 from wormopt.model.model import Model, pack
-from wormopt.model.path import ParameterPath
+from wormopt.model.schedule import ParameterPath
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.loops import law_of
 from wormopt.systems.chain.tables import Friction

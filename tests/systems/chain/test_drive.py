@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from wormopt.control.drive import drive
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, Switch

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.analysis.linearise import linearise
-from wormopt.control.frozen import FrozenLoop, Plant
-from wormopt.control.tube_gain import Task, least_gain, peak_gains, static_gains
+from wormopt.control.frozen import FrozenLoop, Plant, Task, least_gain, peak_gains, static_gains
 from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Spike, Viscous
 from wormopt.study import load_scene

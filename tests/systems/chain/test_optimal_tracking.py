@@ -11,9 +11,8 @@ from outcomes import value
 from scipy.integrate import solve_ivp
 
 import wormopt as wo
-from wormopt.control.loop import with_reference
+from wormopt.control.loop import gait_reference, with_reference
 from wormopt.control.lqr import lqr
-from wormopt.control.reference import gait_reference
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.numerics.collocation import Collocation

@@ -22,7 +22,7 @@ from tests.oracles.by_hand import fast_gait as gait_by_hand
 from wormopt.control.lambda_tracker import Feedback
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.model import Model, Signal
-from wormopt.model.path import piecewise_constant
+from wormopt.model.schedule import piecewise_constant
 from wormopt.result import Result
 from wormopt.simulation.ensemble import simulate_ensemble
 from wormopt.simulation.options import Smooth, Tolerance

@@ -9,10 +9,8 @@ from outcomes import value
 
 import wormopt as wo
 from wormopt.control.drive import drive
-from wormopt.control.loop import with_reference
-from wormopt.control.predictive import MpcOptions, PredictiveController
-from wormopt.control.receding import run_mpc
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference, with_reference
+from wormopt.control.predictive import MpcOptions, PredictiveController, run_mpc
 from wormopt.errors import SceneError
 from wormopt.model.friction import Coulomb
 from wormopt.model.values import signal_values

@@ -8,7 +8,7 @@ import pytest
 import wormopt as wo
 from tests.oracles.by_events import Followed, Ground, Trials, coulomb, spike, stribeck, viscous
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.loop import Reference, gait_reference
 from wormopt.model.friction import Law
 from wormopt.model.model import Model
 from wormopt.simulation.options import Route

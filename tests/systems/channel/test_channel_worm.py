@@ -36,9 +36,9 @@ from wormopt.systems.channel.closed_forms import (
     center_line,
     segment_count,
 )
-from wormopt.systems.channel.curve import distances, graph_curve
-from wormopt.systems.channel.elastica import SLEEVE_RISE, exact_elastica
+from wormopt.systems.channel.rod import distances, graph_curve
 from wormopt.systems.channel.samples import SAMPLES
+from wormopt.systems.channel.segments import SLEEVE_RISE, exact_elastica
 
 # mm, by sympy to 20 digits in test_errata_channel.py and of the same integrals; counts by the
 # nearest integer; velocities in mm per switch.

@@ -13,10 +13,9 @@ from scipy.integrate import solve_ivp
 from scipy.special import gamma
 
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.model.boundary import BoundaryProblem
-from wormopt.numerics.boundary_values import BoundarySolution, solve_boundary
+from wormopt.numerics.boundary_values import BoundaryProblem, BoundarySolution, solve_boundary
 from wormopt.systems.channel.closed_forms import ChannelWorm
-from wormopt.systems.channel.elastica import (
+from wormopt.systems.channel.segments import (
     SLEEVE_RISE,
     Closing,
     ExactElastica,

@@ -20,8 +20,7 @@ from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.moreau import MoreauJean
-from wormopt.systems.channel.curve import Curve, RodLine, distances
-from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod import Curve, Rod, RodLine, distances
 from wormopt.systems.channel.rod_model import (
     block_energy,
     block_load,

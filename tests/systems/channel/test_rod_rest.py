@@ -20,7 +20,7 @@ from wormopt.result import Check, Result
 from wormopt.study import load_scene
 from wormopt.systems.channel import rod_rest, segment_shapes
 from wormopt.systems.channel.closed_forms import ChannelWorm
-from wormopt.systems.channel.curve import Curve
+from wormopt.systems.channel.rod import Curve
 from wormopt.systems.channel.tables import RodOverCoils
 
 

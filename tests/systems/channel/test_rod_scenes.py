@@ -20,7 +20,7 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
-from wormopt.numerics.compass import Look, compass
+from wormopt.numerics.direct_search import Look, compass
 from wormopt.progress import silent
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.systems.channel import rod_frequency

@@ -17,8 +17,7 @@ from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.model.model import Model
 from wormopt.simulation.options import Tolerance
 from wormopt.study.scene import load_scene
-from wormopt.systems.coils.cargo import Float, floated_film
-from wormopt.systems.coils.layer import Ends, Layer
+from wormopt.systems.coils.film import Ends, Float, Layer, floated_film
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))
 FOAM = Float(0.012, 3.6e-3, 1e-6, edge=4e-3)

@@ -12,13 +12,12 @@ from wormopt.errors import SceneError
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.magnetics.travelling import shifted_course, switched_course
-from wormopt.numerics.evolution import evolve
+from wormopt.numerics.direct_search import evolve
 from wormopt.numerics.workers import Workers
 from wormopt.study.scene import load_scene
 from wormopt.systems.coils import coil_design
-from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.design import Task, neighbours
-from wormopt.systems.coils.layer import Layer
+from wormopt.systems.coils.film import Float, Layer
 from wormopt.systems.coils.patterns import (
     Form,
     Pattern,

@@ -11,14 +11,12 @@ from scipy.sparse.linalg import spsolve
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.magnetics.hydrostatics import Fluid, Linear
-from wormopt.magnetics.ripples import growth_rate
+from wormopt.magnetics.hydrostatics import Fluid, Linear, growth_rate
 from wormopt.model.model import Model, Signal
 from wormopt.simulation.options import Tolerance
 from wormopt.study.scene import load_scene
 from wormopt.systems.coils.coil_pressure import CoilPressure
-from wormopt.systems.coils.film import coil_film, surface_film
-from wormopt.systems.coils.layer import Layer
+from wormopt.systems.coils.film import Layer, coil_film, surface_film
 from wormopt.systems.coils.profile import settle
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.control.lambda_tracker import lambda_tracker
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import gait_reference
 from wormopt.errors import ArgumentError, Interrupted, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
@@ -25,16 +25,21 @@ from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.chain.build import chain
-from wormopt.systems.gears.adaptive import Body, geared_chain
-from wormopt.systems.gears.box import GearBox, gear_box
-from wormopt.systems.gears.gear import Gear, Limits
-from wormopt.systems.gears.ground import Ground
+from wormopt.systems.gears.box import GearBox, Transition, gear_box, shortest_transition
+from wormopt.systems.gears.checks import round_trip, tried
+from wormopt.systems.gears.gear import Gear, Ground, Limits
 from wormopt.systems.gears.hindsight import best_schedule, ideal_time
-from wormopt.systems.gears.model import geared_worm
-from wormopt.systems.gears.supervisor import Supervisor, supervise
-from wormopt.systems.gears.transition import Transition, shortest_transition
-from wormopt.systems.gears.trip import round_trip, tried
-from wormopt.systems.gears.walk import Done, Supervised, Walk, by_schedule, kept, walk
+from wormopt.systems.gears.model import Body, geared_chain, geared_worm
+from wormopt.systems.gears.walk import (
+    Done,
+    Supervised,
+    Supervisor,
+    Walk,
+    by_schedule,
+    kept,
+    supervise,
+    walk,
+)
 from wormopt.systems.spiked.construct import Profile, accordion, block_wave
 from wormopt.systems.spiked.crawl import crawl
 

@@ -19,9 +19,8 @@ from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.numerics.newton import newton
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
-from wormopt.systems.pair.averaged import averaged_pair, steady_pair
 from wormopt.systems.pair.exact import magnetic_pair, scaled_law
-from wormopt.systems.pair.slow import from_slow, slow_pair
+from wormopt.systems.pair.slow import averaged_pair, from_slow, slow_pair, steady_pair
 
 NATURAL = math.sqrt(2)
 # docs/verification.md: steady motion (19) at the chapter's data, and exact mean velocities.

@@ -22,21 +22,23 @@ from wormopt.result import Result
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.pair import pair_waveform, waveform
-from wormopt.systems.pair.averaged import steady_pair
-from wormopt.systems.pair.driven_pair import (
+from wormopt.systems.pair.exact import magnetic_pair
+from wormopt.systems.pair.slow import steady_pair
+from wormopt.systems.pair.tables import Aim
+from wormopt.systems.pair.waveform import (
     FADED,
-    FieldAim,
     FieldLimits,
     best_harmonic,
+    first_harmonic,
     push_left,
     settle,
+    waveform_problem,
 )
-from wormopt.systems.pair.exact import magnetic_pair
-from wormopt.systems.pair.waveform import first_harmonic, waveform_problem
 
 NAME, EPS = "pair_waveform_design", 0.0355
 NU = math.sqrt(2) + 0.5 * EPS
 WORK = 'objective={minimise="work_per_distance", speed=0.25}'
+CHEAP = Aim(minimise="work_per_distance", speed=1.0)
 
 
 def solved(*changes: str) -> Result:
@@ -273,10 +275,10 @@ def test_a_push_off_an_orbit_that_is_none_stays():
 # -- the harmonic field --------------------------------------------------------------------------
 
 
-def harmonic(limits: FieldLimits, aim: FieldAim | None = None, eps: float = EPS):
+def harmonic(limits: FieldLimits, aim: Aim | None = None, eps: float = EPS):
     law = Coulomb(0.5 * eps, eps)
     pair = magnetic_pair(law=law, push=eps, frequency=NU, cosines=(1.0, 1.0))
-    return best_harmonic(pair, limits, aim or FieldAim(), lambda *given: None)
+    return best_harmonic(pair, limits, aim or Aim(maximise="speed"), lambda *given: None)
 
 
 def test_the_harmonic_orbit_is_that_of_theory():
@@ -294,10 +296,10 @@ def test_the_amplitude_of_the_harmonic_keeps_slope_strain_and_speed():
     found = harmonic(FieldLimits((0.0, 2.0), (NU, NU), strain=0.6))
     assert found.amplitude < 1
     assert found.orbit.strain == pytest.approx(0.6, abs=1e-5)
-    found = harmonic(FieldLimits((0.0, 2.0), (NU, NU)), FieldAim(None, 0.2))
+    found = harmonic(FieldLimits((0.0, 2.0), (NU, NU)), CHEAP.vary(speed=0.2))
     assert found.reached
     assert found.orbit.speed == pytest.approx(0.2, abs=1e-5)
-    found = harmonic(FieldLimits((0.0, 2.0), (NU, NU)), FieldAim(None, 0.4))
+    found = harmonic(FieldLimits((0.0, 2.0), (NU, NU)), CHEAP.vary(speed=0.4))
     assert not found.reached
 
 
@@ -343,11 +345,11 @@ def test_limits_that_cannot_be_are_refused(given: dict[str, Any], message: str):
 
 def test_aims_and_plants_that_cannot_be_are_refused():
     with pytest.raises(ArgumentError, match="the cheapest motion is rest"):
-        FieldAim(None)
+        Aim(minimise="work_per_distance")
     pair = magnetic_pair(law=Coulomb(0.5 * EPS, EPS), push=EPS, frequency=NU)
     limits = FieldLimits((0.0, 2.0), (NU, NU))
     with pytest.raises(ArgumentError, match="cosines=None"):
-        waveform_problem(pair, limits, FieldAim())
+        waveform_problem(pair, limits, Aim(maximise="speed"))
     u = ca.SX.sym("u", 2)
     both = Model("both", x=[Signal("x", ca.SX.sym("x", 2))], ode=u, u=[Signal("u", u)])
     with pytest.raises(ArgumentError, match="not one scalar input"):

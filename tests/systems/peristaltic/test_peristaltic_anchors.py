@@ -12,15 +12,24 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.pictures import figure
-from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
-from wormopt.systems.peristaltic.anchored.fastest import AnchorLimits, fastest, fastest_of_order
-from wormopt.systems.peristaltic.anchored.gait import anchored_wave, anchors_needed
-from wormopt.systems.peristaltic.anchored.quasi_static import common_velocity, slides
+from wormopt.systems.peristaltic.anchored import (
+    anchored_wave,
+    anchors_needed,
+    common_velocity,
+    slides,
+)
+from wormopt.systems.peristaltic.anchored_fastest import (
+    AnchorLimits,
+    fastest,
+    fastest_of_order,
+    mode_bound,
+)
 from wormopt.systems.peristaltic.pictures import animation_of_anchors
-from wormopt.systems.peristaltic.segment.segment import Anchoring, Segment, Tube
-from wormopt.systems.spiked.ceiling import ceiling as ceiling_of_spikes
+from wormopt.systems.peristaltic.segment import Anchoring, Segment
+from wormopt.systems.peristaltic.tables import Tube
 from wormopt.systems.spiked.construct import block_wave
 from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.search.orders import ceiling as ceiling_of_spikes
 
 # Ceilings over the rate by the number of anchors, from 1 on.
 CEILINGS: dict[Anchoring, dict[int, str]] = {

@@ -18,17 +18,31 @@ from wormopt.magnetics.material import MU0
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal, pack
 from wormopt.model.schedule import Schedule
-from wormopt.numerics.identically import identically_zero
+from wormopt.numerics.expressions import identically_zero
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.study import load_scene
-from wormopt.systems.peristaltic.chain.chain import Body, peristaltic_worm
-from wormopt.systems.peristaltic.chain.crawl import Anchors, crawl, energy_error, second_route
-from wormopt.systems.peristaltic.chain.ground import Bed, DragGround, DryGround, Ground
-from wormopt.systems.peristaltic.chain.waves import harmonic_wave, held, switched_wave
-from wormopt.systems.peristaltic.segment.segment import Anchoring, Segment, Tube
+from wormopt.systems.peristaltic.chain import (
+    Bed,
+    Body,
+    DragGround,
+    DryGround,
+    Ground,
+    peristaltic_worm,
+)
+from wormopt.systems.peristaltic.crawl import (
+    Anchors,
+    crawl,
+    energy_error,
+    harmonic_wave,
+    held,
+    second_route,
+    switched_wave,
+)
+from wormopt.systems.peristaltic.segment import Anchoring, Segment
+from wormopt.systems.peristaltic.tables import Tube
 from wormopt.systems.peristaltic.worm import Holding
 
 SEGMENT = Segment(20e-3, 5e-3, 0.3e-3, 20e3)  # the set of numbers that works, theory section 6

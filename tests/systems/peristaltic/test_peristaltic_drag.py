@@ -19,15 +19,16 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.result import Result
 from wormopt.study import load_scene
-from wormopt.systems.peristaltic.drag.large_gaits import DragAim, best_gait
-from wormopt.systems.peristaltic.drag.small_gaits import (
+from wormopt.systems.peristaltic.drag import displacement, drag_worm, rings
+from wormopt.systems.peristaltic.drag_gaits import (
+    DragAim,
     area_matrix,
+    best_gait,
     cost_matrix,
     small_gaits,
+    stationary,
     strain_rate_gain,
 )
-from wormopt.systems.peristaltic.drag.stationary_gaits import stationary
-from wormopt.systems.peristaltic.drag.worm import displacement, drag_worm, rings
 
 SEEDS = st.integers(0, 2**32 - 1)
 # Roots of tan(N phi / 2) = -(N / 3) tan(phi / 2), and generalised eigenvalues.

@@ -26,24 +26,30 @@ from wormopt.numerics.roots import root
 from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
-from wormopt.systems.peristaltic.peristaltic_segment import wall_work_error
-from wormopt.systems.peristaltic.segment.barrel import (
+from wormopt.systems.peristaltic.membranes import (
+    NEUTRAL,
+    Fibres,
+    balloon,
     barrel_meridian,
     barrel_stretch,
     barrel_swelling,
-)
-from wormopt.systems.peristaltic.segment.fibres import NEUTRAL, Fibres, fill_at, range_of_fill
-from wormopt.systems.peristaltic.segment.inflation import (
     determinant,
+    fill_at,
     free_stretch,
     inflated,
     limit_of_inflation,
     loading_at,
+    range_of_fill,
 )
-from wormopt.systems.peristaltic.segment.membrane import balloon
-from wormopt.systems.peristaltic.segment.rubber import curvatures, density, slopes
-from wormopt.systems.peristaltic.segment.segment import Segment, Tube
-from wormopt.systems.peristaltic.segment.wound import WoundSegment
+from wormopt.systems.peristaltic.peristaltic_segment import wall_work_error
+from wormopt.systems.peristaltic.segment import (
+    Segment,
+    WoundSegment,
+    curvatures,
+    density,
+    slopes,
+)
+from wormopt.systems.peristaltic.tables import Tube
 
 SCENE, RUBBER = "peristaltic_segment", "peristaltic_rubber"
 SOFT = Segment(20e-3, 5e-3, 0.3e-3, 20e3)

@@ -14,9 +14,8 @@ import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.result import Result
 from wormopt.study import load_scene
-from wormopt.systems.peristaltic.switching import orders
-from wormopt.systems.peristaltic.switching.orders import all_rings, exchanged, search, states_of
-from wormopt.systems.peristaltic.switching.switching import (
+from wormopt.systems.peristaltic import switching_orders as orders
+from wormopt.systems.peristaltic.switching import (
     Aim,
     Drag,
     Switched,
@@ -24,6 +23,7 @@ from wormopt.systems.peristaltic.switching.switching import (
     SwitchingProgram,
     SwitchLimits,
 )
+from wormopt.systems.peristaltic.switching_orders import all_rings, exchanged, search, states_of
 
 FREE = SwitchLimits((0.1, 50.0))
 TWO = SwitchedWorm(2, 0.6, 1.4, 1.0, 1.0, Drag(-1.0))

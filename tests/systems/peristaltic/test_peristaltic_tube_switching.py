@@ -11,10 +11,9 @@ from scipy.optimize import differential_evolution, root_scalar
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.study import load_scene
-from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
-from wormopt.systems.peristaltic.anchored.gait import anchored_wave
-from wormopt.systems.peristaltic.switching.orders import search
-from wormopt.systems.peristaltic.switching.switching import (
+from wormopt.systems.peristaltic.anchored import anchored_wave
+from wormopt.systems.peristaltic.anchored_fastest import mode_bound
+from wormopt.systems.peristaltic.switching import (
     Drag,
     Switched,
     SwitchedWorm,
@@ -22,6 +21,7 @@ from wormopt.systems.peristaltic.switching.switching import (
     Tube,
     walk,
 )
+from wormopt.systems.peristaltic.switching_orders import search
 
 LIMITS = SwitchLimits((0.1, 20.0), dwell=0.2)
 THREE = SwitchedWorm(3, 0.6, 1.4, 1.0, 1.0, Tube(0.8))

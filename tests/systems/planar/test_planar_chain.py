@@ -27,14 +27,11 @@ from wormopt.simulation.simulate import simulate
 from wormopt.simulation.walls import smooth_walls
 from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
-from wormopt.systems.planar.body.obstacles import Disc, Wall
-from wormopt.systems.planar.body.shape import chain_shape, rigid_shape
-from wormopt.systems.planar.body.strokes import Harmonics
-from wormopt.systems.planar.dynamics.chain import chain_places, planar_chain
-from wormopt.systems.planar.dynamics.driven import driven_shape
-from wormopt.systems.planar.dynamics.ground import Axes
+from wormopt.systems.planar.dynamics.chain import Axes, chain_places, planar_chain
+from wormopt.systems.planar.dynamics.driven import driven_shape, stop_of
 from wormopt.systems.planar.dynamics.motion import energy_error, measure_works, swing
-from wormopt.systems.planar.dynamics.stopping import stop_of
+from wormopt.systems.planar.obstacles import Disc, Wall
+from wormopt.systems.planar.shape import Harmonics, chain_shape, rigid_shape
 
 NUMBERS: dict[str, Any] = {
     "mass": 1.0, "stiffness": 10.0, "damping": 1.0, "rest_length": 1.0,

@@ -13,8 +13,8 @@ import wormopt as wo
 from tests.oracles.by_crawls import CIRCLE, SNAKE, THREE
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
-from wormopt.systems.planar.body.se2 import inverse
-from wormopt.systems.planar.turning import TurnInPlace, swing_hold
+from wormopt.systems.planar.planar_turn import TurnInPlace, swing_hold
+from wormopt.systems.planar.poses import inverse
 
 P = wo.planar
 

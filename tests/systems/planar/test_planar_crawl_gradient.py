@@ -8,7 +8,7 @@ import pytest
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import Elliptic
-from wormopt.systems.planar.turning import TurnInPlace
+from wormopt.systems.planar.planar_turn import TurnInPlace
 
 P = wo.planar
 ROUGH = [Elliptic(f, f, f) for f in (1.0, 2.0, 1.0)]

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.model.planar_friction import Elliptic
-from wormopt.systems.planar.crawling.least_power import least_power, near
-from wormopt.systems.planar.crawling.line import Line
-from wormopt.systems.planar.crawling.velocity import Crawler
+from wormopt.systems.planar.crawling.balance import Line
+from wormopt.systems.planar.crawling.velocity import Crawler, least_power, near
 
 P = wo.planar
 THREE = P.chain_shape(3, lengths=(1.0, 1.0, 1.0))

@@ -7,7 +7,7 @@ import pytest
 
 import wormopt as wo
 from wormopt.model.planar_friction import Elliptic
-from wormopt.systems.planar.turning import TurnInPlace, heading_rate_bound
+from wormopt.systems.planar.planar_turn import TurnInPlace, heading_rate_bound
 
 P = wo.planar
 _SMOOTHING = 10.0 ** -np.arange(0, 8.1, 0.5)

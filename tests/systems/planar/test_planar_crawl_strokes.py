@@ -13,11 +13,16 @@ from tests.oracles.by_crawls import SNAKE, THREE
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.study import load_scene
-from wormopt.systems.planar.body.se2 import compose, inverse
-from wormopt.systems.planar.crawling.recheck import cross, even_displacement, most_resistance
-from wormopt.systems.planar.crawling.record import quadrature, record
+from wormopt.systems.planar.crawling.recheck import (
+    cross,
+    even_displacement,
+    most_resistance,
+    quadrature,
+    record,
+)
 from wormopt.systems.planar.crawling.velocity import Crawler
-from wormopt.systems.planar.turning import TurnInPlace, heading_rate_bound
+from wormopt.systems.planar.planar_turn import TurnInPlace, heading_rate_bound
+from wormopt.systems.planar.poses import compose, inverse
 
 P = wo.planar
 SEEDS = st.integers(0, 10**6)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.errors import SolveError
 from wormopt.model.planar_friction import Elliptic
-from wormopt.systems.planar.crawling.phases import Course
-from wormopt.systems.planar.crawling.record import quadrature, record
+from wormopt.systems.planar.crawling.crawl import Course
+from wormopt.systems.planar.crawling.recheck import quadrature, record
 from wormopt.systems.planar.crawling.velocity import Crawler
 
 P = wo.planar

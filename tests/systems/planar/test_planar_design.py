@@ -17,11 +17,8 @@ import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.study import load_scene
-from wormopt.systems.planar.body.se2 import compose
-from wormopt.systems.planar.body.shape import Shape, chain_shape
-from wormopt.systems.planar.body.strokes import Polygon
 from wormopt.systems.planar.crawling.crawl import crawl
-from wormopt.systems.planar.design.aim import PlanarAim, PlanarLimits, root
+from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim, PlanarLimits, Viscous, root
 from wormopt.systems.planar.design.gaits import (
     Course,
     PlanarDesign,
@@ -30,10 +27,10 @@ from wormopt.systems.planar.design.gaits import (
     moved,
     widest,
 )
-from wormopt.systems.planar.design.ground import Dry, Ground, Viscous
 from wormopt.systems.planar.design.polish import Polish, side_times
-from wormopt.systems.planar.design.polygons import Steps
-from wormopt.systems.planar.design.starts import first_corners
+from wormopt.systems.planar.design.polygons import Steps, first_corners
+from wormopt.systems.planar.poses import compose
+from wormopt.systems.planar.shape import Polygon, Shape, chain_shape
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 SEEDS = st.integers(0, 2**32 - 1)

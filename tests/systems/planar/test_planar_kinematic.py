@@ -9,13 +9,18 @@ from hypothesis import strategies as st
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import Elliptic
-from wormopt.systems.planar.body.se2 import compose, inverse, rotate
-from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.body.strokes import Harmonics, Polygon
-from wormopt.systems.planar.kinematic.cartesian import simulate_held
-from wormopt.systems.planar.kinematic.constraints import Constraints, held, kinematics_at
-from wormopt.systems.planar.kinematic.loads import loads, spike_margins
-from wormopt.systems.planar.kinematic.motion import Phase, kinematic_motion
+from wormopt.systems.planar.kinematic import (
+    Constraints,
+    Phase,
+    held,
+    kinematic_motion,
+    kinematics_at,
+    loads,
+    spike_margins,
+)
+from wormopt.systems.planar.path.simulate import simulate_held
+from wormopt.systems.planar.poses import compose, inverse, rotate
+from wormopt.systems.planar.shape import Harmonics, Polygon, chain_shape
 
 SEEDS = st.integers(0, 2**32 - 1)
 TAIL, HEAD = Constraints(pins=(2,), skids=(0,)), Constraints(pins=(0,), skids=(2,))

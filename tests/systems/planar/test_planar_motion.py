@@ -18,13 +18,18 @@ from wormopt.model.model import Contact, Model, Signal
 from wormopt.model.planar_friction import Elliptic
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.planar.body.obstacles import Disc, Wall
-from wormopt.systems.planar.body.strokes import Harmonics
-from wormopt.systems.planar.dynamics.chain import chain_places, planar_chain
-from wormopt.systems.planar.dynamics.ground import Axes
-from wormopt.systems.planar.dynamics.motion import closed_link, swing, watch_links
-from wormopt.systems.planar.dynamics.standing import Yielding, let_give_way
-from wormopt.systems.planar.dynamics.stepping import step_again, stepper_of
+from wormopt.systems.planar.dynamics.chain import Axes, chain_places, planar_chain
+from wormopt.systems.planar.dynamics.motion import (
+    Yielding,
+    closed_link,
+    let_give_way,
+    step_again,
+    stepper_of,
+    swing,
+    watch_links,
+)
+from wormopt.systems.planar.obstacles import Disc, Wall
+from wormopt.systems.planar.shape import Harmonics
 
 # A worm of two masses that is thrown along x.
 THROWN: dict[str, Any] = {

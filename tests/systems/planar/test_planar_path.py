@@ -17,22 +17,28 @@ import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.study import load_scene
-from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle, between, inside
-from wormopt.systems.planar.body.se2 import compose, inverse
-from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.body.travel import divided, travel_along
-from wormopt.systems.planar.crawling.cartesian import simulate_crawled
-from wormopt.systems.planar.kinematic.cartesian import simulate_held
-from wormopt.systems.planar.kinematic.constraints import Constraints
-from wormopt.systems.planar.kinematic.motion import KinematicMotion, Phase
-from wormopt.systems.planar.path.gaits import gait_family
-from wormopt.systems.planar.path.plan import plan_path
-from wormopt.systems.planar.path.polish import Fitted, polished
-from wormopt.systems.planar.path.search import Looked, Route, SearchOptions, routes
-from wormopt.systems.planar.path.simulate import least_distance, simulate_path
-from wormopt.systems.planar.path.steps import Family, GaitStep, Library, chained
+from wormopt.systems.planar.kinematic import Constraints, KinematicMotion, Phase
+from wormopt.systems.planar.obstacles import Block, Capsule, Disc, Obstacle, between, inside
+from wormopt.systems.planar.path.plan import (
+    Fitted,
+    Looked,
+    Route,
+    SearchOptions,
+    plan_path,
+    polished,
+    routes,
+)
+from wormopt.systems.planar.path.simulate import (
+    least_distance,
+    simulate_crawled,
+    simulate_held,
+    simulate_path,
+)
+from wormopt.systems.planar.path.steps import Family, GaitStep, Library, chained, gait_family
 from wormopt.systems.planar.path.task import Corridor, Cost, PathTask, Tolerance, cost_of
 from wormopt.systems.planar.pictures import path
+from wormopt.systems.planar.poses import compose, divided, inverse, travel_along
+from wormopt.systems.planar.shape import chain_shape
 
 SEEDS = st.integers(0, 2**32 - 1)
 WORM, REST = chain_shape(2), (0.6, 0.6, 0.0)
@@ -419,7 +425,7 @@ def test_a_start_in_its_goal_needs_no_step():
     [
         (lambda: Disc((0, 0), 0.0), "radius"),
         (lambda: Disc((0, np.nan), 1.0), "finite"),
-        (lambda: Block(((0, 0), (1, 1))), "three or more corners"),
+        (lambda: Block(((0, 0), (1, 1))), "three places or more"),
         (lambda: Block(((0, 0), (1, 1), (2, 2))), "span no area"),
         (lambda: Capsule((0, 0), (1, 1), -1.0), "radius"),
     ],

@@ -22,17 +22,17 @@ from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.build import chain
-from wormopt.systems.planar.body.strokes import Harmonics
-from wormopt.systems.planar.dynamics.chain import chain_places, planar_chain
-from wormopt.systems.planar.dynamics.ground import Axes
+from wormopt.systems.planar.dynamics.chain import Axes, chain_places, planar_chain
 from wormopt.systems.planar.dynamics.motion import (
     closed_link,
     energy_error,
     measure_works,
+    step_again,
+    stepper_of,
     swing,
     watch_links,
 )
-from wormopt.systems.planar.dynamics.stepping import step_again, stepper_of
+from wormopt.systems.planar.shape import Harmonics
 
 GROUNDS = ("elliptic", "unit", "box", "skid")
 PERIOD, END = 2.5, 1.5

@@ -11,7 +11,6 @@ from scipy.special import j0
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.systems.planar.body.shape import chain_shape
 from wormopt.systems.planar.planar_serpenoid import another_speed
 from wormopt.systems.planar.serpenoid import (
     SerpenoidWave,
@@ -19,7 +18,8 @@ from wormopt.systems.planar.serpenoid import (
     finite_serpenoid,
     serpenoid_speed,
 )
-from wormopt.systems.planar.swimming.balance import stepped
+from wormopt.systems.planar.shape import chain_shape
+from wormopt.systems.planar.swimming.recheck import stepped
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 # Two computations of others each: amplitude, ratio, ground, V over the wave's speed.

@@ -17,16 +17,11 @@ from tests.oracles.by_rods import followed
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
-from wormopt.systems.planar.body.se2 import compose, inverse
-from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.body.strokes import Harmonics, Polygon
-from wormopt.systems.planar.body.travel import _uniform
-from wormopt.systems.planar.swimming.balance import balanced, stepped
-from wormopt.systems.planar.swimming.best import best_stroke, once
-from wormopt.systems.planar.swimming.heights import heights, in_frame
-from wormopt.systems.planar.swimming.spectral import spectral_stroke
-from wormopt.systems.planar.swimming.stroke import swim
-from wormopt.systems.planar.swimming.swimmer import Swimmer
+from wormopt.systems.planar.poses import _uniform, compose, inverse
+from wormopt.systems.planar.shape import Harmonics, Polygon, chain_shape
+from wormopt.systems.planar.swimming.best import best_stroke, heights, in_frame, once
+from wormopt.systems.planar.swimming.recheck import balanced, spectral_stroke, stepped
+from wormopt.systems.planar.swimming.swimmer import Swimmer, swim
 
 
 def purcell(r: float = 2.0) -> Swimmer:

@@ -14,7 +14,7 @@ from scipy.stats import norm
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError
-from wormopt.fitting.inference.posterior import Posterior
+from wormopt.fitting.posterior import Posterior
 from wormopt.numerics.workers import Engine, using
 from wormopt.quantities import Variable
 from wormopt.result import Result
@@ -22,8 +22,7 @@ from wormopt.study import load_scene
 from wormopt.study.scene import scene_within
 from wormopt.systems.chain import chain
 from wormopt.systems.recorded import fit as fit_kind
-from wormopt.systems.recorded.recording_file import RecordingFile, read_columns
-from wormopt.systems.recorded.recordings import Run, runs_of
+from wormopt.systems.recorded.recordings import RecordingFile, Run, read_columns, runs_of
 from wormopt.systems.recorded.tables import Measured
 
 WORM = {

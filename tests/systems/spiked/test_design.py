@@ -21,14 +21,13 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.systems.shared.sequences import sequences
 from wormopt.systems.spiked.bimodal import integrate
-from wormopt.systems.spiked.ceiling import ceiling
-from wormopt.systems.spiked.construct import block_wave
+from wormopt.systems.spiked.construct import block_wave, gait_of_result
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.design import objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
-from wormopt.systems.spiked.files import gait_of_result
 from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.search.orders import ceiling
 from wormopt.systems.spiked.search.trial import Trier
 from wormopt.systems.spiked.verify import violations
 

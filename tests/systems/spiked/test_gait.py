@@ -20,8 +20,9 @@ from wormopt.systems.spiked.construct import (
     accordion,
     block_wave,
     fast_gait,
+    gait_of_result,
+    load_gait,
 )
-from wormopt.systems.spiked.files import gait_of_result, load_gait
 
 # How many derivatives of the lengths are continuous.
 SMOOTHNESS: dict[Profile, int] = {"cosine": 1, "quintic": 2, "trapezoid": 1}

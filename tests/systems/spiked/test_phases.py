@@ -8,12 +8,12 @@ import pytest
 
 from wormopt.progress import silent
 from wormopt.systems.shared.sequences import lasting, repetition
-from wormopt.systems.spiked.ceiling import ceiling
 from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.search.orders import ceiling
 
 QUICK = Search(effort="quick", workers=1)
 

@@ -8,7 +8,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.construct import block_wave, fast_gait
-from wormopt.systems.spiked.driven import driven_worm
+from wormopt.systems.spiked.dynamics import driven_worm
 from wormopt.systems.spiked.region import Region
 from wormopt.systems.spiked.stretches import Drive
 

@@ -18,10 +18,10 @@ from judged import check
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.numerics.bilinear import BilinearProgram
+from wormopt.systems.spiked.construct import load_gait
 from wormopt.systems.spiked.design import design as design_module
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed
-from wormopt.systems.spiked.files import load_gait
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.search import search as search_module

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from wormopt.numerics.bilinear import BilinearProgram, Climb
-from wormopt.numerics.bilinear_rows import BilinearRows
-from wormopt.numerics.linearised import Excess
+from wormopt.numerics.bilinear import BilinearProgram, BilinearRows, Climb, Excess
 from wormopt.progress import silent
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design import smooth

@@ -16,8 +16,7 @@ from wormopt.model.gait import Gait
 from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene, packaged_scenes
-from wormopt.systems.spiked.construct import fast_gait
-from wormopt.systems.spiked.files import gait_of_result
+from wormopt.systems.spiked.construct import fast_gait, gait_of_result
 from wormopt.systems.spiked.stepper.stepper import Stepper
 from wormopt.systems.spiked.stepper.steps import (
     Steps,

@@ -15,11 +15,11 @@ from wormopt.cli import main
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
 from wormopt.systems.spiked.certify.certified import certify
+from wormopt.systems.spiked.construct import gait_of_result
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed, ticked
 from wormopt.systems.spiked.design.sensitivity import sensitivities
-from wormopt.systems.spiked.files import gait_of_result
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.verify import in_steps, speed_of

@@ -1,8 +1,5 @@
 /* The direction in which a contact in the plane begins to slip: that of its acceleration.
-   Directions of onset follow the modes in s; see aiming.py and grip.py. */
-#include <math.h>
-#include <string.h>
-
+   Directions of onset follow the modes in s; see contacts.py and grip.py. */
 #include "run.h"
 
 enum { N_SWEEPS = 300, N_NEWTON = 30 };

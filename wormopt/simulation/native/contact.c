@@ -1,19 +1,12 @@
 /* The contact automaton: decides which contacts slide and which rest, and fires switches. */
-#include <math.h>
-#include <string.h>
-
 #include "run.h"
 
-static const double F_REST = 1e-13; /* as in `InitialValueProblem.f_rest` */
 static const double OPEN = 1e-10;   /* least determinant that determines forces, see contacts.py */
 static const double HELD = 1e-2;    /* share of the holding force at rest, above errors of events */
 
 static int allowed(const Run *run, long long i, double direction) {
     return (run->in.directions[i] & (signbit(direction) ? 2 : 1)) != 0;
 }
-
-/* Whether no force changes the velocity of a contact: its slip is prescribed. */
-int is_prescribed(const Run *run, long long i) { return (run->in.directions[i] & 4) != 0; }
 
 /* Mode of a contact of prescribed velocity; at velocity 0 its acceleration decides. */
 static void go_as_prescribed(Run *run, long long i, long long forced, double v) {
@@ -88,19 +81,6 @@ static int strike(Run *run, long long forced) {
         if (run->modes[i] == 0.0 && i != forced && fabs(run->scan[i]) > jump_from(run, i))
             run->struck[i] = any = 1;
     return any;
-}
-
-double way_out(const Run *run, long long i) {
-    const long long n = run->in.n_contacts;
-    double force = run->probe[2 * n + i], least = run->probe[3 * n + i];
-    return force - least < run->probe[4 * n + i] - force ? 1.0 : -1.0;
-}
-
-double force_scale(const Run *run, long long i) { return run->in.f_rest[i] / F_REST; }
-
-/* Unused share of the holding force of a contact at rest. */
-double share_left(const Run *run, long long i) {
-    return margin(run->probe, run->in.n_contacts, i) / force_scale(run, i);
 }
 
 /* Force that a resting contact lacks, in units of rounding. */

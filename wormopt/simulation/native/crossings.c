@@ -8,10 +8,6 @@
    a little lower, so that a contact that has just been let go, with no velocity and perhaps no
    acceleration, is not caught again by a rounding error. A switch that has just fired and whose
    guard goes on rising has no level at all. */
-#include <float.h>
-#include <math.h>
-#include <string.h>
-
 #include "run.h"
 
 enum { N_SAMPLES = 11 };
@@ -21,19 +17,10 @@ static const double SAMPLES[N_SAMPLES] = {0.0,   1.0 / 64, 0.125, 0.25,      0.3
 /* Share of the whole time from which a step at velocity 0, but for rounding, is no mere touch. */
 static const double AT_REST = 1e-3;
 
-long long n_exact(const Run *run) { return run->in.exact ? run->in.n_contacts : 0; }
-
-long long n_functions(const Run *run) { return n_exact(run) + run->in.n_switches; }
-
 /* Size below which event function j is rounding. */
 double small(const Run *run, long long j) {
     if (j >= n_exact(run)) return run->passed[j - n_exact(run)];
     return run->modes[j] ? run->in.v_rest[j] : run->in.f_rest[j];
-}
-
-double margin(const double *probe, long long n, long long i) {
-    double force = probe[2 * n + i], least = probe[3 * n + i], largest = probe[4 * n + i];
-    return fmin(force - least, largest - force);
 }
 
 /* For a moving contact in the plane. `reach`: speed of a stop; least and largest speed at the end

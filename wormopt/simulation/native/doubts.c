@@ -1,7 +1,4 @@
-/* Where the derivatives of a motion do not exist or are one-sided; see sensitivity/doubts.py. */
-#include <math.h>
-#include <string.h>
-
+/* Where the derivatives of a motion do not exist or are one-sided; see simulation/saltation.py. */
 #include "run.h"
 
 static const double AT_ONCE = 1e-10;  /* of the whole time */
@@ -20,11 +17,11 @@ static double largest(const double *values, long long count) {
     return found;
 }
 
-/* Doubt an event with known derivatives of its time: `rate` of its function, against its parts. */
-void doubt_event(Run *run, long long which, double rate, double parts) {
-    const long long k = run->in.k, contacts = run->in.exact ? run->in.n_contacts : 0;
+/* Doubt an event with known derivatives of its time, by the rate of its function. */
+void doubt_event(Run *run, long long which, Rate rate) {
+    const long long k = run->in.k, contacts = n_exact(run);
     const double mode = which < contacts ? run->modes[which] : 0.0, t = run->out.t;
-    if (run->grazing || fabs(rate) <= run->in.small_rate * parts) doubt(run, t, which, mode, GRAZING);
+    if (run->grazing || fabs(rate.value) <= run->in.small_rate * rate.parts) doubt(run, t, which, mode, GRAZING);
     /* stops of contacts that do not act on each other commute */
     const int stop = mode != 0.0 && !run->in.coupled;
     double apart = 0.0;
@@ -83,7 +80,7 @@ void doubt_decision(Run *run, long long forced, int at_start) {
 
 /* Size of event function j, to which small values are compared. */
 double function_size(const Run *run, long long j, double range) {
-    if (j >= (run->in.exact ? run->in.n_contacts : 0)) return range;
+    if (j >= n_exact(run)) return range;
     return run->modes[j] != 0.0 ? run->in.nominal_speed[j] : force_scale(run, j);
 }
 
@@ -95,7 +92,7 @@ void note_touch(Run *run, long long j, double at, double value, double range) {
 
 /* Doubt near events before `first` in the step of length h. */
 void doubt_touches(Run *run, double h, double first) {
-    const long long n = run->in.exact ? run->in.n_contacts : 0;
+    const long long n = n_exact(run);
     for (long long j = 0; j < n_functions(run); j++)
         if (run->touch[j] < first)
             doubt(run, run->out.t + run->touch[j] * h, j, j < n ? run->modes[j] : 0.0, GRAZING);

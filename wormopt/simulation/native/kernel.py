@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterable, Iterator
 from ctypes import POINTER, Structure, c_double, c_longlong, c_void_p
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import zip_longest
+from itertools import islice, zip_longest
 from typing import Any
 
 import numpy as np
 
+from wormopt.progress import Report
 from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem, Outcome
 from wormopt.simulation.native import model_code
 from wormopt.simulation.native.build import library, parts
-from wormopt.simulation.sensitivity.variation import Variation
+from wormopt.simulation.variation import Variation
 
 _FUNCTIONS = ("rhs", "velocities", "probe", "aims", "bends", "project", "guards", "resets")
 _STATUS = {
@@ -36,8 +38,8 @@ _ALONG = (
     *("contact_parts", "guard_parts"),
 )
 _CODE = (
-    *("driver.c", "stepper.c", "crossings.c", "layer.c", "contact.c", "aiming.c"),
-    *("variation.c", "doubts.c", "lanes.c"),
+    *("run.c", "variation.c", "stepper.c", "layer.c", "aiming.c", "doubts.c"),
+    *("crossings.c", "contact.c", "driver.c", "lanes.c"),
 )
 _HEADERS = ("driver.h", "run.h", "tableau.h", "stages.h", "lanes.h")
 # A call of the driver lasts some hundredths of a second, so that it can be interrupted.
@@ -356,3 +358,61 @@ def _outcome(found: _Report, status: str, task: InitialValueProblem) -> Outcome:
         dense_time=np.concatenate([[task.span[0]], dense[:, 0]]) if task.dense else np.zeros(0),
         dense=dense[:, 1:].copy().reshape(len(dense), 8, n_x),
     )
+
+
+def takes(system: System) -> bool:
+    """Whether motions of a system can be integrated side by side; compiles the functions.
+
+    Raises CompilerError if there is no compiler or it fails.
+    """
+    if (system.exact and system.shares) or system.model.alg.numel():
+        return False
+    return model_code.compiled_lanes(system) is not None and bool(compiled(system))
+
+
+def integrate_side_by_side(
+    tasks: Iterable[InitialValueProblem],
+    report: Report,
+    stiff_steps: int,
+) -> Iterator[tuple[InitialValueProblem, Outcome]]:
+    """Integrate tasks that differ in numbers only; yields each with its outcome when it ends.
+
+    A lane whose run has ended takes the next task. Raises the errors of `integrate`.
+    """
+    waiting = iter(tasks)
+    under_way: list[Run] = []
+    stopped = False
+    try:
+        while True:
+            free = model_code.LANES - len(under_way)
+            under_way += (_begun(task, stiff_steps) for task in islice(waiting, free))
+            if not under_way:
+                return
+            try:
+                report("simulating", None)
+            except KeyboardInterrupt:
+                stopped = True
+            if not stopped:
+                _advance_lanes(under_way)
+            for run in [*under_way]:
+                if run.ended or stopped:
+                    yield run.task, run.outcome(None if run.ended else "interrupted")
+                    under_way.remove(run)
+                    run.free()
+    finally:
+        for run in under_way:
+            run.free()
+
+
+def _begun(task: InitialValueProblem, stiff_steps: int) -> Run:
+    return Run(task, compiled(task.system), stiff_steps)
+
+
+def _advance_lanes(runs: list[Run]) -> None:
+    library = model_code.compiled_lanes(runs[0].task.system)
+    assert library is not None  # see `takes`
+    rhs = ctypes.cast(library.rhs, c_void_p)
+    addresses = (c_void_p * len(runs))(*(ctypes.cast(run.address, c_void_p) for run in runs))
+    steps = work_per_call(runs[0].task) // len(runs)
+    if driver().wormopt_advance_lanes(addresses, len(runs), rhs, steps):
+        raise MemoryError("no memory for the lanes")

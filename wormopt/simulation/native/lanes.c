@@ -1,8 +1,6 @@
 /* Several runs of one system side by side: stages of their steps are computed together, one run in
    each lane of a vector. Each run keeps its own step length, error, breaks, samples and events. */
-#include <math.h>
 #include <stdint.h>
-#include <stdlib.h>
 
 #include "lanes.h"
 #include "run.h"
@@ -88,11 +86,9 @@ static vec all_errors(Lanes *lanes) {
     return PICK(scale < INFINITY, known, (vec){} + NAN);
 }
 
-/* Copy the stages of its step to a run, once more than both ends is needed. */
-void fetch_stages(Run *run) {
+/* Copy the stages of its step to a run, see `fetch_stages`. */
+static void take_from_lane(Run *run) {
     const Lanes *lanes = run->lanes;
-    if (!lanes || run->fetched) return;
-    run->fetched = 1;
     for (int i = 1; i < N_STAGES; i++) take(run->k[i], lanes->k[i], run->lane, run->in.n_x);
     take(run->stage, lanes->stage, run->lane, run->in.n_x);
 }
@@ -103,7 +99,7 @@ static void finish(Lanes *lanes, int lane, double error) {
     run->out.n_evaluations += N_STAGES - 1 + (error <= 1.0);
     take(run->x_new, lanes->end, lane, run->in.n_x);
     take(run->k[N_STAGES], lanes->k[N_STAGES], lane, run->in.n_x);
-    run->lanes = lanes;
+    run->lanes = lanes, run->take_stages = take_from_lane;
     judge(run, lanes->h[lane], error);
     run->lanes = NULL;
     load(lanes, lane);

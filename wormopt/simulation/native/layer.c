@@ -1,6 +1,4 @@
 /* What a step may miss: the steep part of a smooth law, kinks of forces in the plane. */
-#include <math.h>
-
 #include "run.h"
 
 enum { N_LOOKS = 17 };

@@ -2,6 +2,12 @@
 #ifndef WORMOPT_RUN_H
 #define WORMOPT_RUN_H
 
+/* before everything is hidden; for all files */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
 #ifndef _WIN32
 #pragma GCC visibility push(hidden) /* calls within the driver need no look-up */
 #endif
@@ -17,7 +23,9 @@
 
 enum { N_ONSET = 4 }; /* entries of s for the onset of a contact in the plane */
 
-typedef struct {
+typedef struct Run Run;
+
+struct Run {
     Report out; /* must stay first: callers see only this part */
     Problem in;
     double *k[N_ALL];      /* derivatives of the stages */
@@ -58,6 +66,7 @@ typedef struct {
     double h_next, h_whole; /* next step; the step that a break or the end has cut */
     double end;            /* of the step under way */
     const void *lanes;     /* location of the stages of the step, see lanes.c; NULL: k */
+    void (*take_stages)(Run *run); /* copies them to k and stage */
     int lane, fetched;     /* lane of the run; whether k and stage are up to date */
     long long since_check, stiff_hints, unstiff_hints;
     long long crowd; /* events since crowd_start */
@@ -69,14 +78,83 @@ typedef struct {
     double **res;
     long long *iw;
     double *w;
-} Run;
+};
 
 /* The functions of math.h are calls, since they handle NaN. */
 static inline double smaller(double a, double b) { return a < b ? a : b; }
 static inline double larger(double a, double b) { return a > b ? a : b; }
 
+static inline void evaluate(Run *run, Function f, double t, const double *x, double *result) {
+    run->arg[0] = &t;
+    run->arg[1] = x;
+    run->arg[2] = run->out.p;
+    run->arg[3] = run->modes;
+    run->res[0] = result;
+    f(run->arg, run->res, run->iw, run->w, 0);
+}
+
+/* Have the stages of a step in k and stage, once more than both ends is needed. */
+static inline void fetch_stages(Run *run) {
+    if (!run->lanes || run->fetched) return;
+    run->fetched = 1;
+    run->take_stages(run);
+}
+
+static inline double floor_of_step(const Run *run) {
+    return 8 * DBL_EPSILON * larger(fabs(run->out.t), 1e-3 * fabs(run->in.t_end - run->in.t_start));
+}
+
+/* Event functions of contacts in exact treatment; those of switches follow, see crossings.c. */
+static inline long long n_exact(const Run *run) { return run->in.exact ? run->in.n_contacts : 0; }
+static inline long long n_functions(const Run *run) { return n_exact(run) + run->in.n_switches; }
+
+/* Whether no force changes the velocity of a contact: its slip is prescribed. */
+static inline int is_prescribed(const Run *run, long long i) {
+    return (run->in.directions[i] & 4) != 0;
+}
+
+/* Distance of the force on a contact at rest from the nearer bound. */
+static inline double margin(const double *probe, long long n, long long i) {
+    const double force = probe[2 * n + i], least = probe[3 * n + i], largest = probe[4 * n + i];
+    return fmin(force - least, largest - force);
+}
+
+/* Direction of the nearer bound. */
+static inline double way_out(const Run *run, long long i) {
+    const long long n = run->in.n_contacts;
+    const double force = run->probe[2 * n + i], least = run->probe[3 * n + i];
+    return force - least < run->probe[4 * n + i] - force ? 1.0 : -1.0;
+}
+
+static inline double force_scale(const Run *run, long long i) {
+    const double rounding = 1e-13; /* F_REST of initial_value.py */
+    return run->in.f_rest[i] / rounding;
+}
+
+/* Unused share of the holding force of a contact at rest. */
+static inline double share_left(const Run *run, long long i) {
+    return margin(run->probe, run->in.n_contacts, i) / force_scale(run, i);
+}
+
+/* Every file calls those before it only. */
+
+/* run.c */
+int allocate(Run *run);
+double *grow(Run *run, Table *table);
+EXPORT void wormopt_free(Run *run);
+
+/* variation.c */
+typedef struct {
+    double value, parts; /* of an event function; sizes of its summands */
+} Rate;
+double change_along(Run *run, Function f, long long c);
+void vary(Run *run, double t, const double *x, double *dx);
+double columns_error(Run *run, double h);
+Rate leave(Run *run, long long which);
+void carry(Run *run, Function along, long long offset);
+void arrive(Run *run);
+
 /* stepper.c */
-void evaluate(Run *run, Function f, double t, const double *x, double *result);
 void derivative(Run *run, double t, const double *x, double *dx);
 void stages(Run *run, double h);
 double step_error(Run *run, double h);
@@ -88,31 +166,9 @@ void dense_state(const Run *run, double theta, double *x, long long count);
 double first_step(Run *run);
 int looks_stiff(Run *run, double h);
 
-/* crossings.c */
-long long n_exact(const Run *run);
-long long n_functions(const Run *run);
-double small(const Run *run, long long j);
-double margin(const double *probe, long long n, long long i);
-void event_values(Run *run, double t, const double *x, double *value);
-int keep_sliding(Run *run, double h);
-double find_event(Run *run, double h, long long *which);
-double polish_event(Run *run, double h, double theta, long long which);
-int grazes(Run *run, double h, double theta, long long j);
-int fires_by_rounding(Run *run, double h, long long which);
-void set_levels(Run *run, int at_start);
-
 /* layer.c */
 int dips_into_layer(Run *run, double h);
 int goes_over_bend(Run *run, double h);
-
-/* contact.c */
-int is_prescribed(const Run *run, long long i);
-double force_scale(const Run *run, long long i);
-double share_left(const Run *run, long long i);
-double way_out(const Run *run, long long i);
-void decide_modes(Run *run, long long forced, int record);
-void apply_event(Run *run, long long which, int jumped);
-void fire_jumped_switches(Run *run);
 
 /* aiming.c */
 int in_onset(const Run *run, long long i);
@@ -124,7 +180,7 @@ void follow_onsets(Run *run);
 
 /* doubts.c */
 void doubt(Run *run, double t, long long which, double mode, Reason reason);
-void doubt_event(Run *run, long long which, double rate, double parts);
+void doubt_event(Run *run, long long which, Rate rate);
 void suspect(Run *run, long long forced);
 void doubt_decision(Run *run, long long forced, int at_start);
 double function_size(const Run *run, long long j, double range);
@@ -132,23 +188,27 @@ void note_touch(Run *run, long long j, double at, double value, double range);
 void doubt_landings(Run *run);
 void doubt_touches(Run *run, double h, double first);
 
-/* variation.c */
-double change_along(Run *run, Function f, long long c);
-void vary(Run *run, double t, const double *x, double *dx);
-double columns_error(Run *run, double h);
-void leave(Run *run, long long which);
-void carry(Run *run, Function along, long long offset);
-void arrive(Run *run);
+/* crossings.c */
+double small(const Run *run, long long j);
+void event_values(Run *run, double t, const double *x, double *value);
+int keep_sliding(Run *run, double h);
+double find_event(Run *run, double h, long long *which);
+double polish_event(Run *run, double h, double theta, long long which);
+int grazes(Run *run, double h, double theta, long long j);
+int fires_by_rounding(Run *run, double h, long long which);
+void set_levels(Run *run, int at_start);
 
-/* lanes.c */
-void fetch_stages(Run *run);
+/* contact.c */
+void decide_modes(Run *run, long long forced, int record);
+void apply_event(Run *run, long long which, int jumped);
+void fire_jumped_switches(Run *run);
 
 /* driver.c */
 double next_length(Run *run);
 void judge(Run *run, double h, double error);
 int goes_on(Run *run);
 void emit_end(Run *run);
-double *grow(Run *run, Table *table);
-double floor_of_step(const Run *run);
+
+/* lanes.c calls driver.c, and nothing calls it. */
 
 #endif

@@ -1,21 +1,9 @@
 /* One step of DOP853, its error and its dense output. Hairer, Norsett, Wanner, section II.10. */
-#include <math.h>
-#include <string.h>
-
 #include "run.h"
 #include "stages.h"
 
 #pragma GCC push_options
 #pragma GCC optimize("fp-contract=fast") /* as in lanes.h */
-
-void evaluate(Run *run, Function f, double t, const double *x, double *result) {
-    run->arg[0] = &t;
-    run->arg[1] = x;
-    run->arg[2] = run->out.p;
-    run->arg[3] = run->modes;
-    run->res[0] = result;
-    f(run->arg, run->res, run->iw, run->w, 0);
-}
 
 void derivative(Run *run, double t, const double *x, double *dx) {
     run->out.n_evaluations++;
@@ -68,7 +56,7 @@ double step_error(Run *run, double h) {
         five += e5 * e5;
         three += e3 * e3;
     }
-    five = larger(six, five); /* five alone may be small by chance, see dop853.py */
+    five = larger(six, five); /* five alone may be small by chance, see steps.py */
     double scale = five + 0.01 * three;
     if (!(scale < INFINITY)) return NAN;
     const double error = scale > 0.0 ? fabs(h) * five / sqrt(n * scale) : 0.0;

@@ -1,9 +1,5 @@
 /* Derivatives of the motion along k directions: columns S of the model's states, stored row by row
-   after x, by the variational equations and their jumps at events. See sensitivity/variation.py. */
-#include <float.h>
-#include <math.h>
-#include <string.h>
-
+   after x, by the variational equations and their jumps at events. See simulation/variation.py. */
 #include "run.h"
 
 /* Distance, in nominal sizes, at which limits of slopes are estimated. */
@@ -177,10 +173,10 @@ static void add_slope(Run *run, double sign) {
             run->out.x[run->in.n_x + k * m + c] += sign * run->slope[m] * run->event_along[c];
 }
 
-/* Begin event `which`: compute the change of its time and move S to the event. */
-void leave(Run *run, long long which) {
+/* Begin event `which`: compute the change of its time and move S to the event. Returns the rate of
+   its function and the sizes of what that rate is a sum of. */
+Rate leave(Run *run, long long which) {
     const long long n = run->in.n_contacts, k = run->in.k, contacts = run->in.exact ? n : 0;
-    if (!k) return;
     const int guard = which >= contacts;
     long long row = guard ? which - contacts : which;
     if (!guard && run->modes[which] == 0.0) {
@@ -199,8 +195,9 @@ void leave(Run *run, long long which) {
     }
     evaluate(run, guard ? run->in.guard_parts : run->in.contact_parts, run->out.t, run->out.x,
              run->change);
-    doubt_event(run, which, rate, run->change[row]);
+    const Rate found = {rate, run->change[row]};
     add_slope(run, 1.0);
+    return found;
 }
 
 /* Propagate the change of the state through the jump that is about to happen. */

@@ -37,8 +37,7 @@ with on_use():
     from wormopt.ocp.nlp import Ipopt
     from wormopt.ocp.optimise import Optimum, optimise, refine
     from wormopt.ocp.problem import Constraint, Ends, Problem
-    from wormopt.ocp.structure import structure_of
-    from wormopt.ocp.switching import optimise_switching_times
+    from wormopt.ocp.switching import optimise_switching_times, structure_of
     from wormopt.simulation.options import Treatment
     from wormopt.systems.block.block import Phases, Transfer
     from wormopt.systems.chain import law_of

@@ -14,8 +14,7 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
 from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Model, Output, Signal
-from wormopt.model.path import ParameterPath
-from wormopt.model.schedule import Schedule
+from wormopt.model.schedule import ParameterPath, Schedule
 from wormopt.model.values import numbers_of
 from wormopt.systems.shared.parameters import (
     first_numbers,

@@ -55,8 +55,7 @@ with on_use():
     import numpy as np
 
     from wormopt.control.drive import drive
-    from wormopt.control.loop import with_reference
-    from wormopt.control.reference import gait_reference
+    from wormopt.control.loop import gait_reference, with_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.numerics.workers import Workers

@@ -24,8 +24,8 @@ with on_use():
     import casadi as ca
     import numpy as np
 
+    from wormopt.control.loop import Reference, gait_reference
     from wormopt.control.lqr import lqr
-    from wormopt.control.reference import Reference, gait_reference
     from wormopt.control.sensing import NOISE, Sensors, band_limited, through_sensors
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model, Switch, pack

@@ -10,9 +10,8 @@ import msgspec
 import numpy as np
 
 from wormopt.analysis.linearise import linearise
-from wormopt.control.frozen import Plant
-from wormopt.control.reference import Reference
-from wormopt.control.tube_gain import Task
+from wormopt.control.frozen import Plant, Task
+from wormopt.control.loop import Reference
 from wormopt.model.friction import Law, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal

@@ -43,12 +43,11 @@ with on_use():
     import casadi as ca
     import numpy as np
 
-    from wormopt.analysis.frequencies import frequencies
+    from wormopt.analysis.bode import frequencies
     from wormopt.analysis.linearise import LinearModel, linearise
     from wormopt.analysis.normal_form import normal_form
-    from wormopt.control.frozen import Complex, FrozenLoop, Margins
-    from wormopt.control.reference import gait_reference
-    from wormopt.control.tube_gain import Task, least_gain, static_gains
+    from wormopt.control.frozen import Complex, FrozenLoop, Margins, Task, least_gain, static_gains
+    from wormopt.control.loop import gait_reference
     from wormopt.model.friction import Law
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model

@@ -18,13 +18,12 @@ from wormopt.control.lambda_tracker import (
     Quadratic,
     lambda_tracker,
 )
-from wormopt.control.loop import FeedForward
-from wormopt.control.reference import Reference
+from wormopt.control.loop import FeedForward, Reference
 from wormopt.control.switching import switching_tracker
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
-from wormopt.model.path import ParameterPath, ornstein_uhlenbeck, piecewise_constant
+from wormopt.model.schedule import ParameterPath, ornstein_uhlenbeck, piecewise_constant
 from wormopt.study.numerics import Start
 from wormopt.study.types import per
 from wormopt.systems.chain.build import chain

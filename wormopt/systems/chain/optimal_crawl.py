@@ -39,8 +39,8 @@ from wormopt.study.numerics import MeshTable, Start
 from wormopt.study.types import Seed, per
 from wormopt.systems.chain.tables import Aim, ChainTable, CrawlLimits
 from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, over
+from wormopt.systems.shared.gravity import assumed, cost_of_transport
 from wormopt.systems.shared.optimal_motion import OptimalMotion
-from wormopt.systems.shared.transport import assumed, cost_of_transport
 from wormopt.systems.spiked import why_unreadable
 
 with on_use():
@@ -55,8 +55,7 @@ with on_use():
     from wormopt.ocp.motion import Guess, Motion
     from wormopt.ocp.optimise import Optimum, optimise, optimise_multistart
     from wormopt.ocp.problem import Problem
-    from wormopt.ocp.structure import structure_of
-    from wormopt.ocp.switching import optimise_switching_times, resting_speeds
+    from wormopt.ocp.switching import optimise_switching_times, resting_speeds, structure_of
     from wormopt.simulation.simulate import simulate
     from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
     from wormopt.systems.chain.dynamic import PERIODS, crawl_problem, sine_guess

@@ -9,9 +9,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.control.loop import TrackingError, input_of, with_reference
+from wormopt.control.loop import Reference, TrackingError, input_of, with_reference
 from wormopt.control.lqr import lqr
-from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, pack

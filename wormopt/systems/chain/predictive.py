@@ -16,9 +16,8 @@ with on_use():
     from numpy.typing import ArrayLike
 
     from wormopt.control.estimation import Estimation
-    from wormopt.control.predictive import MpcOptions, MpcPlan, plan_mpc
-    from wormopt.control.receding import MpcRun, run_mpc
-    from wormopt.control.reference import Reference
+    from wormopt.control.loop import Reference
+    from wormopt.control.predictive import MpcOptions, MpcPlan, MpcRun, plan_mpc, run_mpc
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.numerics.collocation import Collocation

@@ -14,8 +14,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.control.lambda_tracker import Feedback, Quadratic, lambda_tracker
-from wormopt.control.loop import Actuator, FeedForward, feed, input_of
-from wormopt.control.reference import gait_reference
+from wormopt.control.loop import Actuator, FeedForward, feed, gait_reference, input_of
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal

@@ -49,8 +49,7 @@ with on_use():
     import casadi as ca
     import numpy as np
 
-    from wormopt.control.loop import TrackingError, close
-    from wormopt.control.reference import gait_reference
+    from wormopt.control.loop import TrackingError, close, gait_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model, Output
     from wormopt.simulation.trajectory import Trajectory

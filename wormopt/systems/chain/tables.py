@@ -20,7 +20,7 @@ from wormopt.study.types import (
     per,
     wrong_order,
 )
-from wormopt.systems.shared.incline import (
+from wormopt.systems.shared.gravity import (
     Gravity,
     Inclined,
     facts_of_slope,

@@ -50,13 +50,14 @@ from wormopt.systems.shared.declared import (
     TRACKER_EVENTS,
     Scalars,
     Variables,
+    gait_arrays,
     over,
 )
 
 with on_use():
     import numpy as np
 
-    from wormopt.control.reference import gait_reference
+    from wormopt.control.loop import gait_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.systems.chain.loops import (
@@ -79,7 +80,7 @@ with on_use():
         tracked_signals,
     )
     from wormopt.systems.shared.proof import CrossCheck, one_or_all, warnings_of_contact
-    from wormopt.systems.shared.signals import fitted, gait_arrays
+    from wormopt.systems.shared.signals import fitted
     from wormopt.systems.spiked import gait_of_shape
 
 _BANDS = ("position", "length", "input", "error_norm", "gain")

@@ -41,6 +41,7 @@ from wormopt.systems.shared.declared import (
     REFERENCE,
     TIME,
     TRACKER_EVENTS,
+    gait_arrays,
     over,
 )
 
@@ -48,9 +49,8 @@ with on_use():
     import numpy as np
 
     from wormopt.control.drive import drive
-    from wormopt.control.loop import with_reference
-    from wormopt.control.reference import Reference as Target
-    from wormopt.control.reference import gait_reference
+    from wormopt.control.loop import Reference as Target
+    from wormopt.control.loop import gait_reference, with_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.model.values import nominal_of
@@ -72,7 +72,6 @@ with on_use():
         chain_expressions,
         event_arrays,
         fitted,
-        gait_arrays,
         sample,
         simulate_whole,
     )

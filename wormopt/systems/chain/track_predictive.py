@@ -35,19 +35,25 @@ from wormopt.systems.chain.predictive import (
     faults_of_nominal,
 )
 from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference, Tube
-from wormopt.systems.shared.declared import GAIT, JUDGED, LOOP_SIGNALS, TIME, Variables, over
+from wormopt.systems.shared.declared import (
+    GAIT,
+    JUDGED,
+    LOOP_SIGNALS,
+    TIME,
+    Variables,
+    gait_arrays,
+    over,
+)
 
 with on_use():
     import numpy as np
 
     from wormopt.control.drive import drive
     from wormopt.control.estimation import places
-    from wormopt.control.loop import with_reference
+    from wormopt.control.loop import Reference as Followed
+    from wormopt.control.loop import gait_reference, with_reference
     from wormopt.control.lqr import lqr
-    from wormopt.control.predictive import MpcOptions, MpcPlan
-    from wormopt.control.receding import MpcRun, run_mpc
-    from wormopt.control.reference import Reference as Followed
-    from wormopt.control.reference import gait_reference
+    from wormopt.control.predictive import MpcOptions, MpcPlan, MpcRun, run_mpc
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.model.values import nominal_of
@@ -67,7 +73,7 @@ with on_use():
         plan_tracking,
     )
     from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
-    from wormopt.systems.shared.signals import fitted, gait_arrays, sample, simulate_whole
+    from wormopt.systems.shared.signals import fitted, sample, simulate_whole
     from wormopt.systems.spiked import gait_of_shape
 
 OPEN, LQR = "open-loop optimum", "LQR, feed-forward"

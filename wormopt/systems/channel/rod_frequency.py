@@ -46,7 +46,7 @@ with on_use():
     import numpy as np
 
     from wormopt.analysis.vibration import VibrationModes, vibration_modes
-    from wormopt.numerics.compass import Look, compass
+    from wormopt.numerics.direct_search import Look, compass
     from wormopt.numerics.workers import Workers
     from wormopt.systems.channel.closed_forms import (
         SHAPES,

@@ -18,8 +18,7 @@ with on_use():
     from wormopt.magnetics.blocks import BlockField
     from wormopt.progress import Report
     from wormopt.systems.channel.closed_forms import ChannelWorm
-    from wormopt.systems.channel.curve import Curve, RodLine, distances
-    from wormopt.systems.channel.rod import Rod
+    from wormopt.systems.channel.rod import Curve, Rod, RodLine, distances
     from wormopt.systems.channel.rod_model import (
         block_energy,
         block_load,

@@ -12,7 +12,7 @@ from wormopt.errors import Fault
 from wormopt.study import Given, entry, number, on_use, positive, scalars, whole
 from wormopt.study.types import Positive
 from wormopt.systems.channel.samples import FLATTEST, SAMPLES, STEEPEST, Sample
-from wormopt.systems.shared.si import SIStudy
+from wormopt.systems.shared.studies import SIStudy
 
 with on_use():
     from wormopt.magnetics.blocks import BlockField, channel_field

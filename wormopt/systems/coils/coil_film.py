@@ -25,7 +25,7 @@ from wormopt.systems.coils.tables import Switching
 with on_use():
     import numpy as np
 
-    from wormopt.magnetics.ripples import field_stiffness, growth_rate, normal_field_number
+    from wormopt.magnetics.hydrostatics import field_stiffness, growth_rate, normal_field_number
     from wormopt.model.gait import Gait
     from wormopt.systems.coils.film import inside_field
 

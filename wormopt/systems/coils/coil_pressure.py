@@ -9,7 +9,7 @@ from decimal import ROUND_FLOOR, Decimal, localcontext
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-from wormopt.errors import ArgumentError, Fault, SceneError, SolveError, interruptible
+from wormopt.errors import Fault, SolveError, interruptible
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -29,7 +29,7 @@ from wormopt.study import (
     whole,
 )
 from wormopt.systems.coils.tables import MagneticFluid
-from wormopt.systems.shared.si import SIStudy
+from wormopt.systems.shared.studies import SIStudy, refused_at
 
 with on_use():
     import casadi as ca
@@ -38,8 +38,14 @@ with on_use():
     from wormopt.magnetics.hydrostatics import Fluid, Placed, balance
     from wormopt.magnetics.material import MU0
     from wormopt.magnetics.winding import Coil
-    from wormopt.systems.coils.profile import Profile, Settled, Stop, settle
-    from wormopt.systems.coils.rested import Rested, field_of_pressure
+    from wormopt.systems.coils.profile import (
+        Profile,
+        Rested,
+        Settled,
+        Stop,
+        field_of_pressure,
+        settle,
+    )
 
 _ACCEPTED = {"defect": 1e-4, "volume_error": 1e-9, "force_imbalance": 1e-6, "field_error": 1e-7}
 _DEMAGNETISED = 0.1
@@ -167,10 +173,8 @@ class CoilPressure(SIStudy, kind="coil-pressure"):
     def placed_coil(self) -> Placed:
         """The coil and its place; SceneError if the coil is impossible."""
         given = self.coil
-        try:
+        with refused_at(self, "coil"):
             coil = Coil(given.inner_radius, given.outer_radius, given.length)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("coil", str(error))]) from None
         return Placed(coil, given.axis, given.side, given.distance)
 
     @property

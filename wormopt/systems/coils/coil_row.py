@@ -25,7 +25,7 @@ from wormopt.study import (
     whole,
 )
 from wormopt.systems.coils.tables import Coils, Switching
-from wormopt.systems.shared.si import SIStudy
+from wormopt.systems.shared.studies import SIStudy
 
 with on_use():
     import numpy as np

@@ -17,8 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from wormopt.numerics.compass import Look, Point, compass
-from wormopt.numerics.evolution import evolve
+from wormopt.numerics.direct_search import Look, Point, compass, evolve
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report
 from wormopt.systems.coils.patterns import Form, Pattern, Rides, block, wave_pattern

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import ArgumentError, Fault, SceneError
+from wormopt.errors import ArgumentError, Fault
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -27,19 +27,20 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.study.types import Finite, wrong_order
-from wormopt.systems.shared.si import SIStudy
+from wormopt.systems.shared.studies import SIStudy, refused_at
 
 with on_use():
     import numpy as np
 
-    from wormopt.magnetics.identify import (
+    from wormopt.magnetics.material import (
         ACCEPTED,
+        SMALL_STRAIN,
         Identification,
+        MagnetoElastic,
         Root,
         forward_residual,
         identify_material,
     )
-    from wormopt.magnetics.material import SMALL_STRAIN, MagnetoElastic
 
 Range = Annotated[
     tuple[Finite, ...],
@@ -185,7 +186,7 @@ class Material(SIStudy, kind="material"):
     def identification(self) -> FoundMaterial:
         """The material; SceneError if the formulas do not hold, or no material fits."""
         given = self.material
-        try:
+        with refused_at(self, "material"):
             if given.u0 is not None and given.youngs_modulus_eff is not None:
                 return _identified(
                     identify_material(
@@ -197,8 +198,6 @@ class Material(SIStudy, kind="material"):
             assert given.lame_eta is not None
             material = MagnetoElastic(given.mu_r, given.lame_eta, given.lame_lambda)
             material.softening(given.field)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("material", str(error))]) from None
         return _found_again(material, given.field)
 
     @property

@@ -36,7 +36,7 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import Pair, wrong_order
-from wormopt.systems.shared.si import SIStudy
+from wormopt.systems.shared.studies import SIStudy
 
 with on_use():
     import numpy as np

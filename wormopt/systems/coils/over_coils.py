@@ -26,16 +26,14 @@ from wormopt.study import (
     whole,
 )
 from wormopt.systems.coils.tables import Coils, MagneticFluid
-from wormopt.systems.shared.si import SIStudy
+from wormopt.systems.shared.studies import SIStudy
 
 with on_use():
     import numpy as np
 
     from wormopt.model.gait import Gait
     from wormopt.simulation.trajectory import Trajectory
-    from wormopt.systems.coils.cargo import Float, rigid
-    from wormopt.systems.coils.film import FilmSetup, RowField, row_field
-    from wormopt.systems.coils.layer import Layer
+    from wormopt.systems.coils.film import FilmSetup, Float, Layer, RowField, rigid, row_field
 
 _LIGHTEST = 1e-9  # least mass of a float over the film's: lighter ones need too many steps
 _FARTHEST = 100  # largest distance from the last coil to a wall, in pitches

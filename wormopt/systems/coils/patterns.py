@@ -20,9 +20,7 @@ from wormopt.errors import SolveError, interruptible
 from wormopt.magnetics.coils import CoilRow
 from wormopt.model.gait import Gait
 from wormopt.ocp.nlp import Ipopt
-from wormopt.systems.coils.cargo import Float
-from wormopt.systems.coils.film import FilmSetup
-from wormopt.systems.coils.layer import Layer
+from wormopt.systems.coils.film import FilmSetup, Float, Layer
 from wormopt.systems.coils.row_currents import TravellingTarget, fit_currents
 from wormopt.systems.film import CosineWave, Fluid
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-from wormopt.errors import ArgumentError, Fault, SceneError
+from wormopt.errors import Fault, SceneError
 from wormopt.quantities import GRAVITY
 from wormopt.result import Check, left_out
 from wormopt.study import (
@@ -27,6 +27,7 @@ from wormopt.study import (
 )
 from wormopt.study.numerics import ToleranceTable
 from wormopt.systems.film.tables import Film, Length, Ride
+from wormopt.systems.shared.studies import refused_at
 
 with on_use():
     import numpy as np
@@ -227,10 +228,8 @@ class FilmBody(Study, kind="film-body"):
         if self.floats:
             self._check_weight(wave)
             return HeavyFloat(wave, length, self.weight)
-        try:
+        with refused_at(self, "body.height"):
             return LyingBody(wave, self.body.height, length, self.film.tension_number)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("body.height", str(error))]) from None
 
     def _check_weight(self, wave: Wave) -> None:
         """Refuse a float that oscillates in a trough too often to be simulated."""

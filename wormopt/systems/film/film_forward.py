@@ -31,6 +31,7 @@ from wormopt.study import (
 )
 from wormopt.study.types import Positive, wrong_order
 from wormopt.systems.film.tables import Duration, Field, Film, Resolution, Share, SharePair
+from wormopt.systems.shared.studies import refused_at
 
 with on_use():
     import numpy as np
@@ -377,14 +378,11 @@ class FilmForward(Study, kind="film-forward"):
         """The film and the settings of its simulation; SceneError for an impossible start."""
         wave, start, steps = self.wave, self.start.thickness(self.wave), self.tolerance
         field = self.travelling_field
-        try:
+        with refused_at(self, "start.samples" if self.start.shape == "samples" else "start.nudge"):
             h = start(grid(self.grid.points))
             if h.min() <= 0:
-                raise ArgumentError("the thickness must be above 0 everywhere")  # noqa: TRY301
+                raise ArgumentError("the thickness must be above 0 everywhere")
             film_volume(h, order=self.grid.order)
-        except ArgumentError as error:
-            key = "start.samples" if self.start.shape == "samples" else "start.nudge"
-            raise SceneError(self.name, [(key, str(error))]) from None
         tolerance = Tolerance(steps.relative, steps.absolute, steps.max_steps)
         height = None if wave is None else wave.height
         tension = self.film.tension_number

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
+from wormopt.errors import Fault, SceneError, SolveError
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -30,6 +30,7 @@ from wormopt.study import (
 )
 from wormopt.study.numerics import ToleranceTable
 from wormopt.systems.film.tables import MOST_PERIODS, Film, Length, Ride
+from wormopt.systems.shared.studies import refused_at
 
 with on_use():
     import numpy as np
@@ -285,11 +286,9 @@ class Float(Study, kind="float"):
     def drifts(self) -> tuple[tuple[Drift, ...], tuple[Drift, ...]]:
         """Drifts of floats and of tracers; SceneError if one cannot be computed."""
         wave = self.wave
-        try:
+        with refused_at(self, "film"):
             drifts = tuple(float_drift(wave, length) for length in self.lengths)
             below = tuple(tracer_drift(wave, height, self.place) for height in self.heights)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("film", str(error))]) from None
         shares = self.tracers.height if self.tracers else ()
         if 1 in shares and float_drift(wave).captured:
             message = (

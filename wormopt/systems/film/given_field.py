@@ -27,11 +27,11 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Output, Signal
 from wormopt.model.values import numbers
+from wormopt.quantities import parsed, scale
 from wormopt.result import Result
 from wormopt.systems.film.lubrication import field_slope, symbolic
 from wormopt.systems.film.shapes import Wave, grid
 from wormopt.tables import Wrong, read_table
-from wormopt.units import parsed, scale
 
 ORDERS = tuple(range(4, 15, 2))
 _MEAN = 1e-6

@@ -16,7 +16,7 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise, refine
-from wormopt.ocp.structure import structure_of
+from wormopt.ocp.switching import structure_of
 from wormopt.progress import Report, silent
 from wormopt.systems.film.wave_problem import (
     TURN,

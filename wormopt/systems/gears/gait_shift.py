@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
+from wormopt.errors import Fault, SceneError, SolveError
 from wormopt.quantities import GRAVITY
 from wormopt.result import Check
 from wormopt.study import (
@@ -32,6 +32,7 @@ from wormopt.study import (
 from wormopt.study.given import wrong_count
 from wormopt.study.types import Finite, NonNegative, Pair, PerMass, per, wrong_order
 from wormopt.systems.chain import CoulombFriction, SpikeFriction, faults_of_law
+from wormopt.systems.shared.studies import refused_at
 from wormopt.systems.spiked import AccordionShape, BlockWaveShape, FileShape, Links
 
 with on_use():
@@ -42,7 +43,6 @@ with on_use():
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain import law_of
-    from wormopt.systems.gears.adaptive import Body, geared_chain
     from wormopt.systems.gears.box import GearBox, gear_box
     from wormopt.systems.gears.checks import (
         KEPT,
@@ -51,12 +51,19 @@ with on_use():
         loads_by_limits,
         transitions,
     )
-    from wormopt.systems.gears.gear import Gear, Limits, faults_of_links
-    from wormopt.systems.gears.ground import Ground
+    from wormopt.systems.gears.gear import Gear, Ground, Limits, faults_of_links
     from wormopt.systems.gears.hindsight import Schedule, best_schedule, ideal_time
-    from wormopt.systems.gears.model import geared_worm
-    from wormopt.systems.gears.supervisor import Supervisor, supervise
-    from wormopt.systems.gears.walk import Choose, Supervised, Walk, by_schedule, kept, walk
+    from wormopt.systems.gears.model import Body, geared_chain, geared_worm
+    from wormopt.systems.gears.walk import (
+        Choose,
+        Supervised,
+        Supervisor,
+        Walk,
+        by_schedule,
+        kept,
+        supervise,
+        walk,
+    )
     from wormopt.systems.spiked import gait_of_shape
 
 # Chains: tolerance of the simulation, and accepted error of arrival under a hundredth of it.
@@ -441,10 +448,8 @@ class GaitShift(Study, kind="gait-shift"):
 
     def _gear(self, key: str, shape: GearTable) -> Gear:
         gait = gait_of_shape(shape, self.scene, key)
-        try:
+        with refused_at(self, key):
             gear = Gear(key, gait, np.array(self.masses), self.worm.drag)
-        except ArgumentError as error:
-            raise SceneError(self.name, [(key, str(error))]) from None
         if faults := list(faults_of_links(gear, self.load_limits)):
             raise SceneError(self.name, [(key, text) for text in faults])
         return gear
@@ -454,10 +459,8 @@ class GaitShift(Study, kind="gait-shift"):
     @stage
     def box(self) -> GearBox:
         """The gear box; SceneError if gears cannot be combined."""
-        try:
+        with refused_at(self, "gears"):
             return gear_box(self.sorted_gears, self.load_limits, resting=self.limits.resting)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("gears", str(error))]) from None
 
     @cached_property
     def rules(self) -> Supervisor:

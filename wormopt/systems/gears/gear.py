@@ -1,4 +1,8 @@
-"""A gear: a gait with its forces as functions of the load, and its admissible loads."""
+"""Gears: gaits with their forces and admissible loads, their strokes, and the ground on the route.
+
+In a stroke masses move by polynomials in time while others rest on their spikes. The ground has
+load, drag and towed load by position.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +11,146 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
+import casadi as ca
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import resolve
-from wormopt.systems.gears.ground import Ground
-from wormopt.systems.gears.stroke import Stroke, loads, strokes_of
+from wormopt.numerics.roots import root
+from wormopt.systems.spiked import Drive, periodic_stretches
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Loads of the ground by position: linear between knots, constant beyond the ends.
+
+    `load` and `drag` act on every mass at its position, `towed` on the tail at its position.
+    Raises ArgumentError if places do not increase or shapes differ.
+    """
+
+    place: np.ndarray  # (k,) knots, ascending
+    load: np.ndarray  # (k,) force against forward motion on each mass
+    drag: np.ndarray  # (k,) viscous drag of each mass
+    towed: np.ndarray  # (k,) force against forward motion on the tail alone
+
+    def __post_init__(self) -> None:
+        for name in ("place", "load", "drag", "towed"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+        if self.place.ndim != 1 or not len(self.place) or np.any(np.diff(self.place) <= 0):
+            raise ArgumentError("places are missing or do not increase; write increasing numbers")
+        if any(len(getattr(self, name)) != len(self.place) for name in ("load", "drag", "towed")):
+            raise ArgumentError("load, drag and towed need one number for each place")
+
+    def at(self, name: str, place: np.ndarray) -> np.ndarray:
+        """Value of "load", "drag" or "towed" at positions of any shape."""
+        return np.interp(place, self.place, getattr(self, name))
+
+    def expression(self, name: str, place: ca.SX) -> ca.SX:
+        """Value of "load", "drag" or "towed" as an expression of a column of symbols."""
+        values = getattr(self, name)
+        slopes = np.diff(values) / np.diff(self.place) if len(values) > 1 else np.zeros(0)
+        changes = np.diff(slopes, prepend=0.0, append=0.0)
+        found = ca.SX(place.shape[0], 1) + float(values[0])
+        for knot, change in zip(self.place.tolist(), changes.tolist(), strict=True):
+            if change:
+                found += change * ca.fmax(place - knot, 0)
+        return found
+
+    def pull(self, place: np.ndarray) -> np.ndarray:
+        """Force against forward motion on masses at positions (n+1, ...), with the towed load."""
+        found = self.at("load", place)
+        found[-1] += self.at("towed", place[-1])
+        return found
+
+    def pull_expression(self, place: ca.SX) -> ca.SX:
+        """Force against forward motion as an expression of a column of symbols (n+1, 1)."""
+        found = self.expression("load", place)
+        found[-1] += self.expression("towed", place[-1])
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """Velocities of the masses during an interval in which the same masses rest."""
+
+    duration: float
+    velocity: np.ndarray  # (n+1, degree + 1) by ascending power of the time since it began
+    resting: tuple[int, ...]  # masses at rest, ascending
+
+    def at(self, s: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Displacement, velocity or acceleration (n+1, m) at times `s`; `derivative` -1, 0, 1."""
+        powers = np.arange(self.velocity.shape[1])
+        if derivative < 0:
+            return (self.velocity / (powers + 1)) @ s[None] ** (powers[:, None] + 1)
+        if derivative == 0:
+            return self.velocity @ s[None] ** powers[:, None]
+        return (self.velocity * powers)[:, 1:] @ s[None] ** powers[:-1, None]
+
+    @property
+    def way(self) -> np.ndarray:
+        """Displacement of every mass (n+1,)."""
+        return self.at(np.array([self.duration]), -1)[:, 0]
+
+    def until(self, way: float) -> float:
+        """Time at which the mean of the masses has moved by `way`, at most that of the stroke."""
+
+        def short(s: float) -> float:
+            return float(self.at(np.array([s]), -1).mean()) - way
+
+        if short(self.duration) <= 0:
+            return self.duration
+        return root(short, 0.0, self.duration) if way > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Forces at m times."""
+
+    total: np.ndarray  # (m,) of all spikes together; the worm would glide below 0
+    spike: np.ndarray  # (n+1, m) of each spike
+    actuator: np.ndarray  # (n, m) of each actuator, positive in tension
+
+
+def loads(
+    mass: np.ndarray, ground: Ground, stroke: Stroke, s: np.ndarray, begin: np.ndarray
+) -> Loads:
+    """Forces in a stroke at times `s` (m,), with masses at `begin` (n+1,) at its start.
+
+    Resting masses share the load equally.
+    """
+    place = begin[:, None] + stroke.at(s, -1)
+    need = mass[:, None] * stroke.at(s, 1) + ground.at("drag", place) * stroke.at(s)
+    need += ground.pull(place)
+    total, spike = need.sum(axis=0), np.zeros_like(need)
+    spike[list(stroke.resting)] = total / len(stroke.resting)
+    return Loads(total, spike, np.cumsum(spike - need, axis=0)[:-1])
+
+
+def strokes_of(gait: Gait, mass: np.ndarray) -> Iterator[Stroke]:
+    """Cut a polynomial gait into strokes where its resting masses change.
+
+    Resting masses do not depend on the load, so a load is used at which the worm never glides.
+    """
+    widths = np.diff(gait.breaks)
+    fastest = max(
+        float(np.abs(gait.on_piece(q, np.linspace(0, w, 9), 2)).max()) for q, w in enumerate(widths)
+    )
+    holding = 2 * gait.links * float(mass.sum()) * fastest
+    for part in periodic_stretches(Drive(gait, mass, 0.0, holding, "equal"))[0]:
+        rates = gait.polynomial[part.piece][:, 1:] * np.arange(1, gait.polynomial.shape[2])
+        spans = np.vstack([np.zeros(rates.shape[1]), np.cumsum(rates, axis=0)])
+        velocity = np.array([_moved(row, part.start) for row in spans[part.leader] - spans])
+        velocity[list(part.resting)] = 0.0
+        yield Stroke(part.stop - part.start, velocity, part.resting)
+
+
+def _moved(coefficients: np.ndarray, start: float) -> np.ndarray:
+    """Coefficients of a polynomial in the time since `start`."""
+    found = Polynomial(coefficients)(Polynomial([start, 1.0])).coef  # type: ignore[operator]
+    return np.pad(found, (0, len(coefficients) - len(found)))
+
 
 # Accepted excess of link limits by rounding, as a share.
 _KEPT = 1e-9

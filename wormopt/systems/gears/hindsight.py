@@ -19,8 +19,7 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.progress import Report, silent
 from wormopt.systems.gears.box import GearBox
-from wormopt.systems.gears.gear import Limits
-from wormopt.systems.gears.ground import Ground
+from wormopt.systems.gears.gear import Ground, Limits
 
 # Times in a stroke at which forces are sampled.
 _LOOKS = np.linspace(0.0, 1.0, 9)

@@ -36,7 +36,7 @@ from wormopt.study.given import says
 from wormopt.study.numerics import MeshTable
 from wormopt.study.types import NonNegative, PositiveOrPair, Seed, per, wrong_order
 from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
-from wormopt.systems.pair.tables import NATURAL
+from wormopt.systems.pair.tables import NATURAL, Aim
 from wormopt.systems.shared.declared import INSTANT
 from wormopt.systems.shared.optimal_motion import OptimumNumbers, optimum_numbers
 
@@ -50,18 +50,15 @@ with on_use():
     from wormopt.ocp.motion import Guess, Motion
     from wormopt.ocp.optimise import Optimum
     from wormopt.systems.chain import law_of
-    from wormopt.systems.pair.driven_pair import (
-        FADED,
-        MOST_PERIODS,
-        FieldAim,
-        FieldLimits,
-        Harmonic,
-        best_harmonic,
-    )
     from wormopt.systems.pair.exact import magnetic_pair, scaled_law
     from wormopt.systems.pair.waveform import (
+        FADED,
+        MOST_PERIODS,
+        FieldLimits,
+        Harmonic,
         Proof,
         best_field,
+        best_harmonic,
         check_strain,
         field_course,
         first_field,
@@ -164,29 +161,6 @@ class Limits(Given):
             f"where {which} makes the swing and the speed grow without bound: write the largest "
             "strain, for example 0.8, or frequencies on one side",
         )
-
-
-class Aim(Given):
-    """Objective of the waveform: exactly one of `maximise` and `minimise`."""
-
-    maximise: Literal["speed"] | None = entry("mean speed", default=None)
-    minimise: Literal["work_per_distance"] | None = entry(
-        "net work of the field over the distance; requires `speed`", default=None
-    )
-    speed: float | None = positive("speed", "lower limit of the mean speed", default=None)
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield conflicts between the keys."""
-        if (self.maximise is None) == (self.minimise is None):
-            what = "no objective is given" if self.maximise is None else "two objectives are given"
-            yield "", f'{what}; write maximise = "speed" or minimise = "work_per_distance"'
-        elif self.minimise and self.speed is None:
-            yield (
-                "speed",
-                "missing, and without it the cheapest motion is rest; write the least mean speed",
-            )
-        elif self.maximise and self.speed is not None:
-            yield "speed", 'applies to minimise = "work_per_distance" only; leave it out'
 
 
 class Search(Given):
@@ -324,11 +298,6 @@ class PairWaveform(Study, kind="pair-waveform"):
         return FieldLimits((low, high), given.frequency_range, given.slope, given.strain)
 
     @cached_property
-    def goal(self) -> FieldAim:
-        """Objective of the waveform."""
-        return FieldAim(self.objective.maximise, self.objective.speed)
-
-    @cached_property
     def free(self) -> Model:
         """The pair with the field as its input."""
         return self.pair.model(self.harmonic_field.frequency, None)
@@ -340,7 +309,7 @@ class PairWaveform(Study, kind="pair-waveform"):
         law = law_of(self.pair.friction, 0)
         assert isinstance(law, Coulomb)
         check_strain(self.bounds, self.pair.eps, float(law.forward))
-        return best_harmonic(self.driven, self.bounds, self.goal, self.report)
+        return best_harmonic(self.driven, self.bounds, self.objective, self.report)
 
     @property
     def driven(self) -> Model:
@@ -358,7 +327,7 @@ class PairWaveform(Study, kind="pair-waveform"):
     def optimum(self) -> tuple[dict[str, Optimum], tuple[float, ...]]:
         first, starts = self.start
         mesh = Mesh.even(1, self.mesh.arcs, Collocation(self.mesh.degree, self.mesh.scheme))
-        problem = waveform_problem(scaled(self.free, first), self.bounds, self.goal)
+        problem = waveform_problem(scaled(self.free, first), self.bounds, self.objective)
         try:
             return best_field(problem, mesh, starts, self.mesh.tolerance, self.report)
         except SolveError as error:  # its partial result is no optimum

@@ -21,9 +21,8 @@ from wormopt.numerics.newton import newton
 from wormopt.progress import Report
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Tolerance
-from wormopt.systems.pair.averaged import SteadyPair, steady_pair
 from wormopt.systems.pair.exact import magnetic_pair, scaled_law
-from wormopt.systems.pair.slow import from_slow, slow_pair
+from wormopt.systems.pair.slow import SteadyPair, from_slow, slow_pair, steady_pair
 from wormopt.systems.pair.tables import NATURAL
 
 # Swings beyond which averages are not evaluated.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -114,3 +114,26 @@ class PairTable(Given):
                 "pair.eps",
                 "missing; write the push over stiffness times length, for example 0.0355",
             )
+
+
+class Aim(Given):
+    """Objective of the waveform: exactly one of `maximise` and `minimise`."""
+
+    maximise: Literal["speed"] | None = entry("mean speed", default=None)
+    minimise: Literal["work_per_distance"] | None = entry(
+        "net work of the field over the distance; requires `speed`", default=None
+    )
+    speed: float | None = positive("speed", "lower limit of the mean speed", default=None)
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield conflicts between the keys."""
+        if (self.maximise is None) == (self.minimise is None):
+            what = "no objective is given" if self.maximise is None else "two objectives are given"
+            yield "", f'{what}; write maximise = "speed" or minimise = "work_per_distance"'
+        elif self.minimise and self.speed is None:
+            yield (
+                "speed",
+                "missing, and without it the cheapest motion is rest; write the least mean speed",
+            )
+        elif self.maximise and self.speed is not None:
+            yield "speed", 'applies to minimise = "work_per_distance" only; leave it out'

@@ -32,13 +32,13 @@ from wormopt.study.types import Pair, Positive
 with on_use():
     import numpy as np
 
-    from wormopt.systems.peristaltic.anchored.fastest import AnchorLimits, Fastest, fastest
-    from wormopt.systems.peristaltic.anchored.gait import (
+    from wormopt.systems.peristaltic.anchored import (
         AnchoredGait,
         anchored_wave,
         anchors_needed,
+        slip,
     )
-    from wormopt.systems.peristaltic.anchored.quasi_static import slip
+    from wormopt.systems.peristaltic.anchored_fastest import AnchorLimits, Fastest, fastest
 
 # Relative difference below which sizes count as equal.
 _EQUAL = 1e-9

@@ -37,16 +37,19 @@ with on_use():
     from wormopt.numerics.collocation import Collocation
     from wormopt.ocp.mesh import Mesh
     from wormopt.ocp.optimise import Optimum
-    from wormopt.systems.peristaltic.drag.large_gaits import (
+    from wormopt.systems.peristaltic.drag import rings
+    from wormopt.systems.peristaltic.drag_gaits import (
         SHORTEST,
         DragAim,
+        SmallGait,
+        Stationary,
         best_gait,
         first_gait,
+        mean_step,
+        small_gaits,
+        stationary,
         touches,
     )
-    from wormopt.systems.peristaltic.drag.small_gaits import SmallGait, mean_step, small_gaits
-    from wormopt.systems.peristaltic.drag.stationary_gaits import Stationary, stationary
-    from wormopt.systems.peristaltic.drag.worm import rings
 
 # Accepted relative difference of both routes to the best gait.
 _AGREED = 1e-7

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Literal
@@ -28,26 +27,26 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import Pair, wrong_order
-from wormopt.systems.peristaltic.tables import SegmentTable
-from wormopt.systems.shared.si import SIStudy
+from wormopt.systems.peristaltic.tables import SegmentTable, Tube
+from wormopt.systems.shared.studies import SIStudy, refused_at
 
 with on_use():
     import numpy as np
 
     from wormopt.magnetics.winding import Coil
     from wormopt.numerics.chebyshev import resolve
-    from wormopt.systems.peristaltic.segment.barrel import barrel_swelling
-    from wormopt.systems.peristaltic.segment.fibres import Fibres, range_of_fill
-    from wormopt.systems.peristaltic.segment.inflation import (
+    from wormopt.systems.peristaltic.membranes import (
         WIDEST,
+        Balloon,
+        Fibres,
+        balloon,
+        barrel_swelling,
         inflated,
         largest_loading,
         limit_of_inflation,
+        range_of_fill,
     )
-    from wormopt.systems.peristaltic.segment.membrane import Balloon, balloon
-    from wormopt.systems.peristaltic.segment.rubber import density, slopes
-    from wormopt.systems.peristaltic.segment.segment import Segment, Tube
-    from wormopt.systems.peristaltic.segment.wound import WoundSegment
+    from wormopt.systems.peristaltic.segment import Segment, WoundSegment, density, slopes
 
 _ACCEPTED = 1e-9
 _NONE = 1e-9  # a reserve below this share counts as none
@@ -81,13 +80,6 @@ class Fluid(Given):
 
     density: float = positive("density", "density of the fluid", default=1200.0)
     chi: float = positive("1", "susceptibility", default=0.35)
-
-
-class TubeTable(Given):
-    """A rigid tube around the segment."""
-
-    radius: float = positive("length", "inner radius; above `segment.radius`")
-    friction: float = number("1", "Coulomb coefficient on the membrane", least=0, default=0.3)
 
 
 class Winding(Given):
@@ -281,7 +273,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     load: float = number(
         "force", "drag on the ends, which the segment must overcome and hold", least=0, default=0.0
     )
-    pipe: TubeTable | None = entry("the tube; none if left out", default=None)
+    pipe: Tube | None = entry("the tube; none if left out", default=None)
     winding: Winding | None = entry("the real coil; none if left out", default=None)
     inflation: Inflation | None = entry("a given pressure; none if left out", default=None)
     stretches: Pair = entry(
@@ -311,14 +303,6 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
                 f"{outside:g}",
             )
 
-    @contextmanager
-    def refused(self, key: str) -> Generator[None]:
-        """Refuse a key for which a quantity cannot be computed."""
-        try:
-            yield
-        except ArgumentError as error:
-            raise SceneError(self.name, [(key, str(error))]) from None
-
     # -- the free segment --------------------------------------------------------------------------
 
     @cached_property
@@ -329,7 +313,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     @parts(Strokes)
     def strokes(self) -> Strokes:
         segment, pressure, load = self.body, self.coil.pressure, self.load
-        with self.refused("segment.shear_modulus"):
+        with refused_at(self, "segment.shear_modulus"):
             stretch = segment.stretch_at(pressure)
             longest, loaded = segment.stretch_at(0.0, -load), segment.stretch_at(pressure, load)
             deepest = segment.deepest_stretch(pressure)
@@ -354,7 +338,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
         segment, load = self.body, self.load
         most = 2 * self.coil.pressure or segment.shear_modulus * segment.wall / segment.radius
         pressures, stretches = np.linspace(0.0, most, self.samples), self.plotted_stretches
-        with self.refused("segment.shear_modulus"):
+        with refused_at(self, "segment.shear_modulus"):
             free, loaded, deepest = (
                 np.array([stretch(p) for p in pressures])
                 for stretch in (
@@ -401,7 +385,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     def walls(self) -> Tube:
         """The tube, where there is one."""
         assert self.pipe
-        return Tube(self.pipe.radius, self.pipe.friction)
+        return self.pipe
 
     @parts(Hold, when="pipe")
     def hold(self) -> Hold:
@@ -482,7 +466,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     def with_fibres(self) -> WithFibres:
         assert self.inflation
         assert self.fibres
-        with self.refused("inflation.fibre_angle"):
+        with refused_at(self, "inflation.fibre_angle"):
             angle = self.fibres.angle_at(self.inflation.pressure)
         return WithFibres(float(self.fibres.stretches(angle)[0]), angle)
 

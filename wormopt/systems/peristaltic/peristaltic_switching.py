@@ -39,10 +39,8 @@ with on_use():
     from wormopt.numerics.collocation import Collocation
     from wormopt.ocp.mesh import Mesh
     from wormopt.ocp.optimise import Optimum
-    from wormopt.systems.peristaltic.drag.worm import rings
-    from wormopt.systems.peristaltic.switching.orders import Search, search
-    from wormopt.systems.peristaltic.switching.problem import polish
-    from wormopt.systems.peristaltic.switching.switching import (
+    from wormopt.systems.peristaltic.drag import rings
+    from wormopt.systems.peristaltic.switching import (
         OFF,
         Aim,
         Drag,
@@ -50,8 +48,10 @@ with on_use():
         SwitchingProgram,
         SwitchLimits,
         Tube,
+        polish,
         walk,
     )
+    from wormopt.systems.peristaltic.switching_orders import Search, search
 
 # Limits beyond which the best times are not determined: longest period per segment over the longer
 # time constant, largest ratio of both time constants, and shortest period over the longer time

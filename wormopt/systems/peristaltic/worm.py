@@ -31,9 +31,9 @@ from wormopt.study import (
     warnings,
     whole,
 )
-from wormopt.systems.peristaltic.tables import SegmentTable
+from wormopt.systems.peristaltic.tables import SegmentTable, Tube
 from wormopt.systems.shared.declared import EVENTS
-from wormopt.systems.shared.si import SIStudy
+from wormopt.systems.shared.studies import SIStudy
 
 with on_use():
     import numpy as np
@@ -41,18 +41,26 @@ with on_use():
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.simulation.trajectory import Trajectory
-    from wormopt.systems.peristaltic.chain.chain import POWERS, Body, peristaltic_worm
-    from wormopt.systems.peristaltic.chain.crawl import (
+    from wormopt.systems.peristaltic.chain import (
+        POWERS,
+        Bed,
+        Body,
+        DragGround,
+        DryGround,
+        Ground,
+        peristaltic_worm,
+    )
+    from wormopt.systems.peristaltic.crawl import (
         Anchors,
         SecondRoute,
         crawl,
         energy_error,
+        harmonic_wave,
         second_route,
         stored,
+        switched_wave,
     )
-    from wormopt.systems.peristaltic.chain.ground import Bed, DragGround, DryGround, Ground
-    from wormopt.systems.peristaltic.chain.waves import harmonic_wave, switched_wave
-    from wormopt.systems.peristaltic.segment.segment import Segment, Tube
+    from wormopt.systems.peristaltic.segment import Segment
     from wormopt.systems.shared.signals import event_arrays
 
 _MU0 = 4e-7 * math.pi

@@ -12,15 +12,18 @@ from wormopt.study import Study, check, facts, on_use, parts, signal, stage, val
 with on_use():
     import numpy as np
 
-    from wormopt.systems.planar.body.se2 import circle_of, rotate
     from wormopt.systems.planar.crawling.crawl import Crawl
     from wormopt.systems.planar.crawling.recheck import (
+        Quadrature,
+        Record,
         cross,
         even_displacement,
         most_resistance,
+        quadrature,
+        record,
         repeated,
     )
-    from wormopt.systems.planar.crawling.record import Quadrature, Record, quadrature, record
+    from wormopt.systems.planar.poses import circle_of, rotate
 
 STRAIGHT = 1e-9
 """Turn up to which a stroke counts as straight."""

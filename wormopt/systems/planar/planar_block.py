@@ -35,10 +35,9 @@ with on_use():
     from wormopt.simulation.options import Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
-    from wormopt.systems.planar.body.shape import rigid_shape
-    from wormopt.systems.planar.dynamics.driven import driven_shape
+    from wormopt.systems.planar.dynamics.driven import Stop, driven_shape, stop_of
     from wormopt.systems.planar.dynamics.motion import energy_error, measure_works
-    from wormopt.systems.planar.dynamics.stopping import Stop, stop_of
+    from wormopt.systems.planar.shape import rigid_shape
 
 _AFTER = 1.1  # simulated time over the time of the stop
 

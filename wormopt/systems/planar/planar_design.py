@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
+from wormopt.errors import Fault, SolveError
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -33,14 +33,13 @@ from wormopt.study import (
 from wormopt.study.given import wrong_count
 from wormopt.study.types import Finite, Pair, Positive, Seed, wrong_order
 from wormopt.systems.planar.tables import Body, Drags, DryGround
+from wormopt.systems.shared.studies import refused_at
 
 with on_use():
     import numpy as np
 
     from wormopt.model.planar_friction import Elliptic
-    from wormopt.systems.planar.body.se2 import circle_of
-    from wormopt.systems.planar.body.shape import Shape
-    from wormopt.systems.planar.design.aim import PlanarAim, PlanarLimits
+    from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim, PlanarLimits, Viscous
     from wormopt.systems.planar.design.gaits import (
         CLOSED,
         PlanarDesign,
@@ -48,8 +47,9 @@ with on_use():
         design_stroke,
         widest,
     )
-    from wormopt.systems.planar.design.ground import Dry, Ground, Viscous
     from wormopt.systems.planar.design.polygons import Steps
+    from wormopt.systems.planar.poses import circle_of
+    from wormopt.systems.planar.shape import Shape
 
 # Accepted difference of both motions, over the path of the shape, on dry and on viscous ground;
 # accepted excess of the limits, and of the passage.
@@ -232,7 +232,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
         """The objective; raises SceneError if it is inconsistent."""
         aim, shape = self.objective, self.body.shape()
         x, y, turn = aim.pose or (0.0, 0.0, 0.0)
-        try:
+        with refused_at(self, "objective"):
             return PlanarAim(
                 shape,
                 self._ground_of(shape),
@@ -246,8 +246,6 @@ class PlanarGaitDesign(Study, kind="planar-design"):
                 corners=self.search.corners,
                 time=aim.time,
             )
-        except ArgumentError as error:  # faults that no table finds without numerics
-            raise SceneError(self.name, [("objective", str(error))]) from None
 
     def _ground_of(self, shape: Shape) -> Ground:
         if self.viscous is not None:

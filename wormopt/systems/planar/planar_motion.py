@@ -41,7 +41,8 @@ from wormopt.study.numerics import (
     ToleranceTable,
 )
 from wormopt.study.types import per
-from wormopt.systems.planar.tables import DiscTable, MassGround, Row, Vector, WallTable
+from wormopt.systems.planar.obstacles import Disc, Wall
+from wormopt.systems.planar.tables import MassGround, Row, Vector
 from wormopt.systems.shared.declared import EVENTS, STEPS
 
 with on_use():
@@ -51,23 +52,23 @@ with on_use():
     from wormopt.simulation.options import Exact, Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
-    from wormopt.systems.planar.body.strokes import Harmonics
     from wormopt.systems.planar.dynamics.chain import chain_places, planar_chain
     from wormopt.systems.planar.dynamics.motion import (
+        Stepped,
+        Yielding,
         closed_link,
         energy_error,
+        gaps_at_start,
+        let_give_way,
+        longest_way,
         measure_works,
         resting_masses,
+        step_again,
+        stepper_of,
         swing,
         watch_links,
     )
-    from wormopt.systems.planar.dynamics.standing import Yielding, gaps_at_start, let_give_way
-    from wormopt.systems.planar.dynamics.stepping import (
-        Stepped,
-        longest_way,
-        step_again,
-        stepper_of,
-    )
+    from wormopt.systems.planar.shape import Harmonics
     from wormopt.systems.shared.proof import (
         CrossCheck,
         accepted_error,
@@ -87,7 +88,6 @@ _MEAN, _COSINE, _SINE = (
     "cosine coefficients",
     "sine coefficients",
 )
-_FRICTION = number("1", "coefficient of dry friction, if contact is smooth", least=0, default=0.0)
 _STIFFER = 1000.0  # default stiffness of obstacles over the largest of links
 _FOLDED = 3.1  # a joint angle above this counts as folded
 _CLOSED = 1e-3  # a link shorter than this share of the usual length has closed up
@@ -274,18 +274,6 @@ class Actuation(Given):
             yield from self.torque.faults_in("actuation.torque", links - 1, "joints")
 
 
-class StandingDisc(DiscTable, tag_field="shape", tag="disc"):
-    """A round obstacle."""
-
-    friction: float = _FRICTION
-
-
-class StandingWall(WallTable, tag_field="shape", tag="wall"):
-    """A straight wall without end: everything behind it is closed."""
-
-    friction: float = _FRICTION
-
-
 # -- results computed together ---------------------------------------------------------------------
 
 
@@ -374,7 +362,7 @@ class PlanarMotion(Study, kind="planar-motion"):
     )
     start: Start = entry("initial state", default=Start)
     actuation: Actuation | None = entry("actuators; none if left out", default=None)
-    obstacles: tuple[StandingDisc | StandingWall, ...] = entry(
+    obstacles: tuple[Disc | Wall, ...] = entry(
         "walls and discs that no mass can enter; links can pass over them", default=()
     )
     obstacle_stiffness: float | None = positive(
@@ -443,7 +431,7 @@ class PlanarMotion(Study, kind="planar-motion"):
             law=[each.friction() for each in grounds],
             pull=worm.weights(),
             heading=worm.heading,
-            obstacles=[each.obstacle(each.friction) for each in self.obstacles],
+            obstacles=self.obstacles,
             position=start.places(worm),
             velocity=start.velocities(worm),
             length_nominal=float(np.mean(per(lengths, worm.links))),

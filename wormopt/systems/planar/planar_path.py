@@ -30,21 +30,19 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import Finite, Positive, per
-from wormopt.systems.planar.tables import Body, DiscTable, DryGround, Place, WallTable
+from wormopt.systems.planar.obstacles import Block, Capsule, Disc, Place, Wall
+from wormopt.systems.planar.path.task import Corridor, Tolerance
+from wormopt.systems.planar.tables import Body, DryGround
 
 with on_use():
     import numpy as np
 
-    from wormopt.systems.planar.body.obstacles import Block, Capsule
-    from wormopt.systems.planar.body.se2 import rotate
-    from wormopt.systems.planar.kinematic.constraints import Constraints
-    from wormopt.systems.planar.kinematic.loads import loads
-    from wormopt.systems.planar.kinematic.motion import KinematicMotion, Phase
-    from wormopt.systems.planar.path.gaits import gait_family
+    from wormopt.systems.planar.kinematic import Constraints, KinematicMotion, Phase, loads
     from wormopt.systems.planar.path.plan import PlannedPath, plan_path
     from wormopt.systems.planar.path.simulate import Course, least_distance, simulate_path
-    from wormopt.systems.planar.path.steps import Family, GaitStep, Library
-    from wormopt.systems.planar.path.task import Corridor, PathTask, Tolerance, wrapped
+    from wormopt.systems.planar.path.steps import Family, GaitStep, Library, gait_family
+    from wormopt.systems.planar.path.task import PathTask, wrapped
+    from wormopt.systems.planar.poses import rotate
 
 Pose = Annotated[
     tuple[Finite, ...],
@@ -144,71 +142,17 @@ class Gait(Given):
                 return
 
 
-class BlockTable(Given, tag_field="shape", tag="block"):
-    """A solid polygon."""
-
-    corners: Annotated[
-        tuple[Place, ...], Meta(min_length=3, max_length=100, description="three places or more")
-    ] = entry("corners in order", quantity="length")
-
-    def obstacle(self) -> Block:
-        """Return the obstacle of this table."""
-        return Block(tuple((x, y) for x, y in self.corners))
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a polygon without area."""
-        pairs = zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
-        twice = sum(a[0] * b[1] - a[1] * b[0] for a, b in pairs)
-        wide = max(max(row) - min(row) for row in zip(*self.corners, strict=True))
-        # no power: it raises where it overflows
-        if abs(twice) < 1e-9 * wide * wide or wide == 0:
-            yield "corners", "they span no area; for a fence write a capsule"
-
-
-class CapsuleTable(Given, tag_field="shape", tag="capsule"):
-    """A rod or a fence: all points within a radius of a straight segment."""
-
-    start: Place = entry("first end of the segment", quantity="length")
-    end: Place = entry("second end of the segment", quantity="length")
-    radius: float = number("length", "half the thickness", least=0, default=0.0)
-
-    def obstacle(self) -> Capsule:
-        """Return the obstacle of this table."""
-        (x0, y0), (x1, y1) = self.start, self.end
-        return Capsule((x0, y0), (x1, y1), self.radius)
-
-
-class Near(Given):
-    """Largest distance and angle from a pose."""
-
-    place: float = positive("length", "largest distance")
-    angle: float = positive("angle", "largest angle")
-
-    def tolerance(self) -> Tolerance:
-        """Return the tolerance of this table."""
-        return Tolerance(self.place, self.angle)
-
-
-class Strip(Given):
-    """A line with a strip to both sides that no mass may leave."""
-
-    line: Annotated[
-        tuple[Place, ...], Meta(min_length=2, max_length=200, description="two places or more")
-    ] = entry("corners of the line in order", quantity="length")
-    width: float = positive("length", "largest distance from the line to either side")
-
-
 class Route(Given):
     """Start, goal and limits of the path."""
 
     start: Pose = entry("initial pose of the head: x, y, and angle of the first link")
     goal: Pose = entry("pose to reach; the angle is modulo 2π")
-    tolerance: Near = entry("accepted distance of the end from the goal")
+    tolerance: Tolerance = entry("accepted distance of the end from the goal")
     via: tuple[Place, ...] = entry(
         "places that the head must pass, in this order", quantity="length", default=()
     )
     via_radius: float = positive("length", "accepted distance from these places", default=0.2)
-    corridor: Strip | None = entry("strip that no mass may leave", default=None)
+    corridor: Corridor | None = entry("strip that no mass may leave", default=None)
     clearance: float = number("length", "least distance from obstacles", least=0, default=0.0)
 
 
@@ -216,12 +160,13 @@ class Search(Given):
     """Options of the search."""
 
     cost: Literal["steps", "work", "time"] = entry("quantity to minimise", default="time")
-    capture: Near = entry(
+    capture: Tolerance = entry(
         "distance to the goal at which the library search ends",
-        default=Near(place=0.35, angle=0.35),
+        default=Tolerance(place=0.35, angle=0.35),
     )
-    cell: Near = entry(
-        "cell of poses within which only the cheapest is kept", default=Near(place=0.1, angle=0.1)
+    cell: Tolerance = entry(
+        "cell of poses within which only the cheapest is kept",
+        default=Tolerance(place=0.1, angle=0.1),
     )
     poses: int = whole(1, 10000000, "largest number of poses searched", default=100_000)
 
@@ -302,7 +247,7 @@ class PlanarPath(Study, kind="planar-path"):
     gaits: Annotated[
         tuple[Gait, ...], Meta(min_length=1, max_length=50, description="one gait or more")
     ] = entry("library of gaits")
-    obstacles: tuple[DiscTable | BlockTable | CapsuleTable | WallTable, ...] = entry(
+    obstacles: tuple[Disc | Block | Capsule | Wall, ...] = entry(
         "obstacles that the body may not touch", default=()
     )
     route: Route = entry("start, goal and limits of the path")
@@ -325,6 +270,9 @@ class PlanarPath(Study, kind="planar-path"):
         for j, gait in enumerate(self.gaits):
             yield from gait.faults_in(f"gaits[{j}]", body)
             yield from gait.faults_from(f"gaits[{j}]", self.rest, body)
+        for j, each in enumerate(self.obstacles):
+            if getattr(each, "friction", 0.0):
+                yield f"obstacles[{j}].friction", "has no effect on a path; leave it out"
 
     # -- computing ---------------------------------------------------------------------------------
 
@@ -358,16 +306,16 @@ class PlanarPath(Study, kind="planar-path"):
     @property
     def task(self) -> PathTask:
         """Start, goal and limits of the path."""
-        route, strip = self.route, self.route.corridor
+        route = self.route
         return PathTask(
             np.array(route.start),
             np.array(route.goal),
-            route.tolerance.tolerance(),
-            [each.obstacle() for each in self.obstacles],
+            route.tolerance,
+            self.obstacles,
             route.clearance,
             [(x, y) for x, y in route.via],
             route.via_radius,
-            strip and Corridor(np.array(strip.line), strip.width),
+            route.corridor,
         )
 
     @stage
@@ -377,7 +325,7 @@ class PlanarPath(Study, kind="planar-path"):
             return plan_path(
                 task,
                 library,
-                search.capture.tolerance(),
+                search.capture,
                 cost=search.cost,
                 cell=(search.cell.place, search.cell.angle),
                 most=search.poses,

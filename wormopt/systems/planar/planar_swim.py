@@ -33,14 +33,17 @@ with on_use():
 
     from wormopt.numerics.collocation import Collocation
     from wormopt.ocp.mesh import Mesh
-    from wormopt.systems.planar.body.se2 import circle_of, rotate
-    from wormopt.systems.planar.body.strokes import Stroke
-    from wormopt.systems.planar.swimming.balance import stepped
-    from wormopt.systems.planar.swimming.best import BestStroke, best_stroke
-    from wormopt.systems.planar.swimming.heights import Frame, heights, small_efficiency
-    from wormopt.systems.planar.swimming.spectral import spectral_stroke
-    from wormopt.systems.planar.swimming.stroke import Swim, swim
-    from wormopt.systems.planar.swimming.swimmer import Swimmer
+    from wormopt.systems.planar.poses import circle_of, rotate
+    from wormopt.systems.planar.shape import Stroke
+    from wormopt.systems.planar.swimming.best import (
+        BestStroke,
+        Frame,
+        best_stroke,
+        heights,
+        small_efficiency,
+    )
+    from wormopt.systems.planar.swimming.recheck import spectral_stroke, stepped
+    from wormopt.systems.planar.swimming.swimmer import Swim, Swimmer, swim
 
 _AGREED, _STRAIGHT = 1e-7, 1e-5
 _UNEVEN = 1e4  # largest ratio of lengths; rotational drags grow with their cubes

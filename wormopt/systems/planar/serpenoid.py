@@ -20,9 +20,8 @@ from scipy.special import j0, jn_zeros
 
 from wormopt.errors import ArgumentError
 from wormopt.numerics.collocation import Collocation
-from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.swimming.stroke import Swim, swim
-from wormopt.systems.planar.swimming.swimmer import Swimmer
+from wormopt.systems.planar.shape import chain_shape
+from wormopt.systems.planar.swimming.swimmer import Swim, Swimmer, swim
 
 Ground = Literal["viscous", "elliptic", "unit"]
 """Drag proportional to velocity; dry friction by an ellipse; by the direction of motion alone."""
@@ -124,30 +123,11 @@ def _slow(
 
 
 def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, float]:
-    """Return the amplitude of the highest speed of an infinite serpenoid body, and that speed.
+    """Return amplitude (rad) and speed of the fastest infinite serpenoid body.
 
-    Parameters
-    ----------
-    ratio : float
-        Resistance across over along.
-    ground : {"viscous", "elliptic", "unit"}, optional
-        Ground as in `serpenoid_speed`.
-
-    Returns
-    -------
-    alpha, speed : float
-        Amplitude in rad, and speed V / c over that of the material along the wave.
-
-    Raises
-    ------
-    ArgumentError
-        If resistance across does not exceed that along by enough. On dry ground waves then move
-        the body backward, because the recoil is a median of the tangents, not their mean.
-
-    Examples
-    --------
-    >>> [round(number, 9) for number in best_serpenoid(2.0)]
-    [1.181295694, 0.223434073]
+    The speed is relative to that of the material along the wave; `ratio` is the resistance across
+    over along. ArgumentError if it does not exceed 1 by enough: on dry ground waves then move the
+    body backward, because the recoil is a median of the tangents, not their mean.
     """
     if not ratio > 1:
         raise ArgumentError(f"ratio must be above 1 for forward motion, not {ratio}")
@@ -233,25 +213,10 @@ class FiniteSerpenoid:
 def finite_serpenoid(
     alpha: float, ratio: float, *, per_wave: int = 12, waves: float = 1.0
 ) -> FiniteSerpenoid:
-    """Return the speed of a serpenoid worm of even rods on viscous ground.
+    """Return the speed of a serpenoid worm of even rods on viscous ground with c_n / c_t = `ratio`.
 
     The displacement per period is that of its frame; for a straight stroke it does not depend on
     the frame. The ends recoil, so it is slower than an infinite worm.
-
-    Parameters
-    ----------
-    alpha : float
-        Amplitude of the tangent angle, in rad.
-    ratio : float
-        c_n / c_t.
-    per_wave : int, optional
-        Number of rods per wave.
-    waves : float, optional
-        Number of waves on the body.
-
-    Returns
-    -------
-    FiniteSerpenoid
     """
     rods = round(per_wave * waves)
     shape = chain_shape(rods, lengths=(1.0 / per_wave,) * rods)

@@ -14,19 +14,14 @@ from wormopt.study.types import Finite
 with on_use():
     from wormopt.model.friction import Coulomb, NoSlip, Spike, Viscous
     from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
-    from wormopt.systems.planar.body.obstacles import Disc, Wall
-    from wormopt.systems.planar.body.shape import Shape, chain_shape
-    from wormopt.systems.planar.body.strokes import Harmonics, Polygon
-    from wormopt.systems.planar.dynamics.ground import Axes
+    from wormopt.systems.planar.dynamics.chain import Axes
+    from wormopt.systems.planar.shape import Harmonics, Polygon, Shape, chain_shape
     from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 Row = tuple[Finite, ...]
 Vector = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=2, description="two finite numbers, [x, y]"),
-]
-Place = Annotated[
-    tuple[Finite, ...], Meta(min_length=2, max_length=2, description="[x, y], two finite numbers")
 ]
 
 
@@ -306,30 +301,3 @@ def wrong_rows(stroke: StrokeTable, n_s: int) -> Iterator[Fault]:
                     "they vary, then joint angles",
                 )
                 break
-
-
-# -- obstacles -------------------------------------------------------------------------------------
-
-
-class DiscTable(Given, tag_field="shape", tag="disc"):
-    """A round obstacle."""
-
-    centre: Place = entry("centre of the disc", quantity="length")
-    radius: float = positive("length", "radius of the disc")
-
-    def obstacle(self, friction: float = 0.0) -> Disc:
-        """Return the obstacle of this table."""
-        x, y = self.centre
-        return Disc((x, y), self.radius, friction)
-
-
-class WallTable(Given, tag_field="shape", tag="wall"):
-    """A straight wall without end: everything behind it is closed."""
-
-    point: Place = entry("any point of the wall", quantity="length")
-    angle: float = number("angle", "direction of the normal, which points into the open")
-
-    def obstacle(self, friction: float = 0.0) -> Wall:
-        """Return the obstacle of this table."""
-        x, y = self.point
-        return Wall((x, y), self.angle, friction)

@@ -43,18 +43,16 @@ from wormopt.systems.recorded.tables import (
     Span,
     Which,
     named_twice,
-    refused_at,
     scene_of,
 )
+from wormopt.systems.shared.studies import refused_at
 
 with on_use():
     import numpy as np
 
-    from wormopt.fitting.choices import Choice, Constant, base_of
-    from wormopt.fitting.courses import Ramps, Waves
-    from wormopt.fitting.experiment import Experiment
+    from wormopt.fitting.choices import Choice, Constant, Ramps, Waves, base_of
+    from wormopt.fitting.experiment import Experiment, mean_rate
     from wormopt.fitting.information import Criterion
-    from wormopt.fitting.planned import mean_rate
     from wormopt.fitting.planning import Plan, plan_experiment
     from wormopt.fitting.unknowns import Unknown
     from wormopt.model.model import Model
@@ -591,7 +589,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
         return {
             "derivatives": "exact, through every event",
             "search": "SLSQP from the best random experiments",
-            "not_told_apart": [words(unseen) for unseen in self.plan.known.unseen],
+            "not_identifiable": [words(unseen) for unseen in self.plan.known.unseen],
             "doubts": len(self.plan.run.motion.nonsmooth_events),
         }
 

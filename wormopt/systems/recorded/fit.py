@@ -32,31 +32,30 @@ from wormopt.study.members import NotComputedError
 from wormopt.study.numerics import Contacts, ExactContact
 from wormopt.study.types import Positive, Seed
 from wormopt.systems.recorded.found import Found, label_of, unit_of_directions, unit_of_signal
-from wormopt.systems.recorded.recording_file import RecordingFile
+from wormopt.systems.recorded.recordings import RecordingFile, Run, model_of, runs_of
 from wormopt.systems.recorded.tables import (
     FromScene,
     Level,
     Parameter,
     Which,
     named_twice,
-    refused_at,
     scene_of,
 )
+from wormopt.systems.shared.studies import refused_at
 
 with on_use():
     import numpy as np
 
     from wormopt.fitting.estimate import Fit
     from wormopt.fitting.fit import fit
-    from wormopt.fitting.inference.identifiability import Identifiability, identifiability
-    from wormopt.fitting.inference.posterior import Posterior, posterior
-    from wormopt.fitting.inference.prediction import Prediction, predict
-    from wormopt.fitting.inference.profile import Profile, profile
-    from wormopt.fitting.inference.whiteness import Whiteness, whiteness
+    from wormopt.fitting.identifiability import Identifiability, identifiability
+    from wormopt.fitting.noise import Whiteness, whiteness
+    from wormopt.fitting.posterior import Posterior, posterior
+    from wormopt.fitting.prediction import Prediction, predict
+    from wormopt.fitting.profile import Profile, profile
     from wormopt.fitting.task import FitTask
     from wormopt.fitting.unknowns import Unknown
     from wormopt.model.model import Model
-    from wormopt.systems.recorded.recordings import Run, model_of, runs_of
     from wormopt.systems.shared.proof import one_or_all
 
 Names = Annotated[
@@ -117,9 +116,9 @@ class FitRecordings(FromScene, kind="fit"):
     measured.
 
     The trust report states whether the search converged and how every start ended (`starts`); which
-    parameters cannot be distinguished (`not_told_apart`, in words); whether the residuals are white
-    and as large as the noise (`residuals`); and how far held-out runs are from their prediction
-    (`prediction`).
+    parameters cannot be distinguished (`not_identifiable`, in words); whether the residuals are
+    white and as large as the noise (`residuals`); and how far held-out runs are from their
+    prediction (`prediction`).
 
     Refused, with line and column: text instead of numbers; times that decrease or are missing;
     lines of different lengths; units that do not fit their signals. Exit code 3: the search did not
@@ -483,7 +482,7 @@ class FitRecordings(FromScene, kind="fit"):
             ],
             "noise_estimated": list(found.estimated),
             "at_bound": list(found.at_bound),
-            "not_told_apart": list(known.words) if known else [],
+            "not_identifiable": list(known.words) if known else [],
             "residual_tests": [asdict(test) for test in tests.tests] if tests else [],
             "predictions": [
                 {

@@ -28,9 +28,10 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import PerMass, Positive, Seed
-from wormopt.systems.recorded.recording_file import RecordingFile
-from wormopt.systems.recorded.tables import named_twice, refused_at
+from wormopt.systems.recorded.recordings import RecordingFile, Run, read_all, run_of
+from wormopt.systems.recorded.tables import named_twice
 from wormopt.systems.shared.declared import GAIT
+from wormopt.systems.shared.studies import refused_at
 from wormopt.systems.spiked import (
     DESIGN_SCALARS,
     MOTION_VARIABLES,
@@ -47,7 +48,6 @@ with on_use():
     from wormopt.fitting.fit import fit
     from wormopt.fitting.task import FitTask
     from wormopt.fitting.unknowns import Unknown
-    from wormopt.systems.recorded.recordings import Run, read_all, run_of
     from wormopt.systems.spiked import (
         Believed,
         Crawl,

@@ -50,7 +50,7 @@ with on_use():
     import numpy as np
     from scipy.optimize import least_squares
 
-    from wormopt.fitting.uncertainty import covariance_of, held_at, offset_of, spectrum
+    from wormopt.fitting.information import covariance_of, held_at, offset_of, spectrum
     from wormopt.systems.recorded.numbers_task import Looked, NumbersTask
 
 # Smallest relative reduction of a prior error that counts as informed by the measurements.
@@ -304,7 +304,7 @@ class FitNumbers(FromScene, kind="fit-numbers"):
         "share",
         "relative reduction of the prior error of each parameter by the measurements, a list",
     )
-    def tells(self) -> list[float]:
+    def prior_reduction(self) -> list[float]:
         return [*self.reductions.values()]
 
     # -- measurements ------------------------------------------------------------------------------
@@ -398,7 +398,7 @@ class FitNumbers(FromScene, kind="fit-numbers"):
     @facts
     def known(self) -> dict[str, Any]:
         return {
-            "tells": self.reductions,
+            "prior_reduction": self.reductions,
             "derivatives": "differences of runs, with the step of each unknown",
             "at_bound": [n for n, f in zip(self.task.names, self.free, strict=True) if not f],
         }

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import ArgumentError, Fault, SceneError
+from wormopt.errors import Fault, SceneError
 from wormopt.files import is_there
 from wormopt.study import Given, Scene, Study, entry, load_scene, number, on_use, positive
 from wormopt.study.given import says
@@ -146,15 +145,6 @@ class KeyUnknown(Parameter):
     def keys(self) -> tuple[str, ...]:
         """Keys as a list, even if there is only one."""
         return self.key if isinstance(self.key, tuple) else (self.key,)
-
-
-@contextmanager
-def refused_at(study: Study, key: str) -> Generator[None]:
-    """Refuse a key of a study if an engine object cannot be made of it."""
-    try:
-        yield
-    except ArgumentError as error:
-        raise SceneError(study.name, [(key, str(error))]) from None
 
 
 def named_twice(names: Iterable[str], key: str) -> Iterator[Fault]:

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from wormopt.study import on_use
+
+with on_use():
+    import numpy as np
+
+    from wormopt.model.gait import Gait
+
 Scalars = dict[str, tuple[str, str]]
 """Name: quantity, meaning."""
 Variables = dict[str, tuple[str, tuple[str, ...], str]]
@@ -15,6 +22,11 @@ Declared = Mapping[str, tuple[str, tuple[str, ...], str]]
 def over(signals: Declared, *before: str, last: str = "time") -> Variables:
     """Add the dimensions `before` in front of those of signals, and `last` after them."""
     return {k: (quantity, (*before, *own, last), w) for k, (quantity, own, w) in signals.items()}
+
+
+def gait_arrays(gait: Gait) -> dict[str, np.ndarray]:
+    """Arrays of an exact gait, by the names of `GAIT`."""
+    return {f"gait_{name}": values for name, values in gait.arrays().items()}
 
 
 TIME: Variables = {"time": ("time", ("time",), "time")}

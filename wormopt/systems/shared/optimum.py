@@ -19,8 +19,7 @@ from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import interpolation
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.optimise import Optimum
-from wormopt.ocp.structure import structure_of
-from wormopt.ocp.switching import resting_speeds
+from wormopt.ocp.switching import resting_speeds, structure_of
 from wormopt.progress import Report, silent
 from wormopt.result import Check
 from wormopt.simulation.options import Exact, Tolerance, Treatment

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import TINY, Signal
-from wormopt.model.path import ParameterPath
-from wormopt.model.schedule import Schedule
+from wormopt.model.schedule import ParameterPath, Schedule
 from wormopt.model.values import numbers_of
 
 _LEAST: Mapping[str, float] = {

@@ -17,7 +17,6 @@ from wormopt.model.model import Model
 from wormopt.model.values import nominal_of, signal_values
 from wormopt.progress import Report
 from wormopt.result import NOT_RECHECKED, Check
-from wormopt.simulation.event_free import ending
 from wormopt.simulation.options import Recheck, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -160,6 +159,8 @@ def _without_events(
     model: Model, motion: Trajectory, accepted: float, report: Report
 ) -> CrossCheck:
     """Compare with a method without events, to the accuracy of that method."""
+    from wormopt.simulation.event_free import ending  # most motions need none
+
     label = "steps without events"
     x0 = signal_values(motion.system.model.x, None, "state", fill=0.0)
     x0[: model.n_x] = signal_values(model.x, None, "state", fill=0.0)

@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import SolveError
-from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.simulation.initial_value import KINDS
@@ -119,8 +118,3 @@ def event_arrays(motions: Sequence[Trajectory], *, several: bool) -> dict[str, n
             values = map(np.array, zip(*rows, strict=True))
             found |= zip((f"{dim}_{column}" for column in columns), values, strict=True)
     return {k: v for k, v in found.items() if several or not k.endswith("_tracker")}
-
-
-def gait_arrays(gait: Gait) -> dict[str, np.ndarray]:
-    """Arrays of an exact gait, by the names of `GAIT`."""
-    return {f"gait_{name}": values for name, values in gait.arrays().items()}

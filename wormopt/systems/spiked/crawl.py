@@ -15,8 +15,8 @@ from itertools import groupby
 import numpy as np
 
 from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.labelled import SampledMotion
 from wormopt.model.gait import Gait
-from wormopt.model.motion import SampledMotion
 from wormopt.numerics.chebyshev import Series, resolve
 from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.region import Region

@@ -13,12 +13,11 @@ from wormopt.errors import SolveError
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check, Result
 from wormopt.study.types import per
-from wormopt.systems.shared.transport import assumed
-from wormopt.systems.spiked.declared import MOTION_VARIABLES
+from wormopt.systems.shared.gravity import assumed
 from wormopt.systems.spiked.design.design import Design, objective_of
-from wormopt.systems.spiked.design_tables import DesignTable
-from wormopt.systems.spiked.gait_problem import Cost, Effort
+from wormopt.systems.spiked.gait_problem import Cost, DesignTable, Effort
 from wormopt.systems.spiked.motion import (
+    MOTION_VARIABLES,
     agreement,
     cross_check,
     motion_facts,

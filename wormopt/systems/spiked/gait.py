@@ -23,24 +23,25 @@ from wormopt.study import (
 )
 from wormopt.study.types import NonNegativePair, Pair, wrong_order
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.spiked.declared import MOTION_SCALARS, MOTION_VARIABLES
 from wormopt.systems.spiked.gait_problem import SceneWorm
+from wormopt.systems.spiked.motion import (
+    MOTION_SCALARS,
+    MOTION_VARIABLES,
+    agreement,
+    cross_check,
+    motion_facts,
+    motion_scalars,
+    motion_variables,
+)
 from wormopt.systems.spiked.shapes import GivenGait
 
 with on_use():
     import numpy as np
 
-    from wormopt.systems.shared.transport import assumed
+    from wormopt.systems.shared.gravity import assumed
     from wormopt.systems.spiked.bimodal import BimodalMotion
+    from wormopt.systems.spiked.construct import gait_of_shape
     from wormopt.systems.spiked.crawl import Crawl, crawl
-    from wormopt.systems.spiked.files import gait_of_shape
-    from wormopt.systems.spiked.motion import (
-        agreement,
-        cross_check,
-        motion_facts,
-        motion_scalars,
-        motion_variables,
-    )
     from wormopt.systems.spiked.region import Region
     from wormopt.systems.spiked.stretches import Drive
 
@@ -286,7 +287,7 @@ def _simulated(drive: Drive, period: float, load: float) -> tuple[bool, float]:
     """Whether the worm glides in a period, and the largest load on all spikes together."""
     # here, because only maps need the simulator
     from wormopt.simulation.simulate import simulate
-    from wormopt.systems.spiked.driven import driven_worm
+    from wormopt.systems.spiked.dynamics import driven_worm
 
     gait = drive.gait.with_period(period)
     worm = driven_worm(gait, drive.mass.tolist(), drive.drag, load)

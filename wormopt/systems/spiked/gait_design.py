@@ -26,10 +26,9 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.shared.incline import weights
-from wormopt.systems.spiked.declared import DESIGN_SCALARS, MOTION_VARIABLES
-from wormopt.systems.spiked.design_tables import DesignTable
-from wormopt.systems.spiked.gait_problem import Objective, Worm
+from wormopt.systems.shared.gravity import weights
+from wormopt.systems.spiked.gait_problem import DesignTable, Objective, Worm
+from wormopt.systems.spiked.motion import DESIGN_SCALARS, MOTION_VARIABLES
 
 with on_use():
     import numpy as np

@@ -30,9 +30,8 @@ from wormopt.study import (
     whole,
 )
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.spiked.declared import DESIGN_SCALARS, MOTION_VARIABLES
-from wormopt.systems.spiked.design_tables import DesignTable
-from wormopt.systems.spiked.gait_problem import COST_WORDS, Cost, Objective
+from wormopt.systems.spiked.gait_problem import COST_WORDS, Cost, DesignTable, Objective
+from wormopt.systems.spiked.motion import DESIGN_SCALARS, MOTION_VARIABLES
 
 with on_use():
     import numpy as np

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
+from wormopt.errors import Fault, SolveError
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -26,7 +26,8 @@ from wormopt.study import (
     value,
     warnings,
 )
-from wormopt.systems.shared.declared import GAIT
+from wormopt.systems.shared.declared import GAIT, gait_arrays
+from wormopt.systems.shared.studies import refused_at
 from wormopt.systems.spiked.gait_problem import SceneWorm
 from wormopt.systems.spiked.shapes import GivenGait
 from wormopt.systems.spiked.stepper.stepper import Demand, Motor, Stepper, demand
@@ -37,9 +38,9 @@ with on_use():
     from wormopt.model.gait import Gait
     from wormopt.result import Result
     from wormopt.systems.spiked.bimodal import BimodalMotion
+    from wormopt.systems.spiked.construct import gait_of_shape
     from wormopt.systems.spiked.crawl import Crawl, crawl
-    from wormopt.systems.spiked.files import gait_of_shape
-    from wormopt.systems.spiked.motion import agreement, cross_check, gait_arrays, motion_facts
+    from wormopt.systems.spiked.motion import agreement, cross_check, motion_facts
     from wormopt.systems.spiked.stepper.bristles import BristleMotion, ratchet
     from wormopt.systems.spiked.stepper.steps import (
         Steps,
@@ -184,18 +185,14 @@ class StepperCommands(Study, kind="stepper"):
 
     @stage
     def demand(self) -> Demand:
-        try:
+        with refused_at(self, "gait.file"):
             return demand(self.lengths, self.motor)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("gait.file", str(error))]) from None
 
     @stage
     def steps(self) -> Steps:
         self.demand.refuse(self.motor)
-        try:
+        with refused_at(self, "motor.microsteps"):
             steps = step_times(self.lengths, self.motor)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("motor.microsteps", str(error))]) from None
         if not len(steps.time):
             raise SolveError(
                 f"no length changes by half a microstep of {steps.travel:g} m: no motor steps",
@@ -207,10 +204,8 @@ class StepperCommands(Study, kind="stepper"):
     @cached_property
     def tick_error(self) -> float:
         """Largest error of the timer's instants, in ticks, from the sum of its delays."""
-        try:
+        with refused_at(self, "tick"):
             _, delays = in_ticks(self.steps, self.tick)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("tick", str(error))]) from None
         late = [
             np.abs(np.cumsum(delay[:-1]) - self.steps.of_motor(j)[0] / self.tick)
             for j, delay in enumerate(delays)

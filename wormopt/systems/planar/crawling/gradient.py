@@ -9,15 +9,12 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.systems.planar.body.se2 import rotate
-from wormopt.systems.planar.body.shape import Shape
-from wormopt.systems.planar.body.strokes import Stroke
-from wormopt.systems.planar.crawling.balance import LeastPower
+from wormopt.systems.planar.crawling.balance import Ground, LeastPower
 from wormopt.systems.planar.crawling.crawl import Crawl
-from wormopt.systems.planar.crawling.ground import Ground
-from wormopt.systems.planar.crawling.held import freedom
-from wormopt.systems.planar.crawling.record import motion_at
-from wormopt.systems.planar.crawling.velocity import Motion
+from wormopt.systems.planar.crawling.recheck import motion_at
+from wormopt.systems.planar.crawling.velocity import Motion, freedom
+from wormopt.systems.planar.poses import rotate
+from wormopt.systems.planar.shape import Shape, Stroke
 
 _APART, _AT_LIMIT, _ACROSS, _SOFT = 1e-8, 1e-7, 1e-9, 1e-10
 

@@ -11,11 +11,10 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import minimize
 
-from wormopt.systems.planar.body.se2 import rotate
-from wormopt.systems.planar.body.shape import Shape
-from wormopt.systems.planar.design.aim import PlanarAim
-from wormopt.systems.planar.design.ground import Dry
+from wormopt.systems.planar.design.aim import Dry, PlanarAim
 from wormopt.systems.planar.design.polygons import Sides, Steps
+from wormopt.systems.planar.poses import rotate
+from wormopt.systems.planar.shape import Shape
 
 _KEPT = 1e-3
 """Accepted residual of a point."""

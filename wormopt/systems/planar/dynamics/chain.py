@@ -1,8 +1,8 @@
-"""The planar chain: point masses in the plane, extensible links, joints that bend."""
+"""The planar chain: masses or uniform rods, extensible links, joints that bend; its contacts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from numbers import Integral
 from typing import Any
@@ -12,19 +12,206 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
+from wormopt.model.friction import Coulomb, Law
+from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Model, Output, Signal
-from wormopt.model.path import ParameterPath
-from wormopt.model.schedule import Schedule
+from wormopt.model.planar_friction import PlanarLaw
+from wormopt.model.schedule import ParameterPath, Schedule
 from wormopt.model.values import numbers, numbers_of
-from wormopt.systems.planar.body.obstacles import Disc, Wall
-from wormopt.systems.planar.body.shape import Heading
-from wormopt.systems.planar.dynamics.ground import Ground, Touching, ground_laws, press, touch
-from wormopt.systems.planar.dynamics.rods import RodMasses
-from wormopt.systems.shared.parameters import (
-    first_numbers,
-    parameter,
-    varied_parameter,
-)
+from wormopt.systems.planar.obstacles import Disc, Wall
+from wormopt.systems.planar.shape import Heading
+from wormopt.systems.shared.parameters import first_numbers, parameter, varied_parameter
+
+
+@dataclass(frozen=True, eq=False)
+class RodMasses:
+    """Constant mass matrix of a chain: diagonal, with rods tridiagonal in each component.
+
+    A rod of mass m whose ends move with v_a and v_b has the kinetic energy
+    m (|v_a|² + v_a v_b + |v_b|²) / 6, also while it stretches evenly.
+    """
+
+    points: ca.SX  # (n + 1,) masses
+    rods: ca.SX | None = None  # (n,)
+
+    def solve(self, forces: ca.SX) -> ca.SX:
+        """Accelerations from forces, both stacked by mass."""
+        if self.rods is None:
+            return forces / ca.vec(ca.repmat(self.points.T, 2, 1))
+        F = ca.horzsplit(ca.reshape(forces, 2, self.points.numel()))
+        pivots, shares = self._factors(self.rods)
+        for i, share in enumerate(shares, start=1):
+            F[i] = F[i] - share * F[i - 1]
+        last = len(F) - 1
+        a = [F[last] / pivots[last]]
+        for i in range(last - 1, -1, -1):
+            a.insert(0, F[i] / pivots[i] - shares[i] * a[0])
+        return ca.vertcat(*a)
+
+    def _factors(self, rods: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+        """Pivots, and shares of the row above that are taken off."""
+        thirds = rods / 3
+        diagonal = ca.vertsplit(self.points + ca.vertcat(thirds, 0) + ca.vertcat(0, thirds))
+        pivots, shares = [diagonal[0]], []
+        for own, off in zip(diagonal[1:], ca.vertsplit(rods / 6), strict=True):
+            shares.append(off / pivots[-1])
+            pivots.append(own - off * shares[-1])
+        return pivots, shares
+
+    def kinetic(self, v: ca.SX) -> ca.SX:
+        """Kinetic energy."""
+        columns = ca.reshape(v, 2, self.points.numel())
+        energy = ca.dot(self.points, ca.sum1(columns**2).T) / 2
+        if self.rods is None:
+            return energy
+        a, b = columns[:, :-1], columns[:, 1:]
+        return energy + ca.dot(self.rods, ca.sum1(a**2 + a * b + b**2).T) / 6
+
+    def center(self, stacked: ca.SX) -> ca.SX:
+        """Mean (2) over all mass of what changes linearly along the rods."""
+        shares = self.points
+        if self.rods is not None:
+            shares = shares + (ca.vertcat(self.rods, 0) + ca.vertcat(0, self.rods)) / 2
+        columns = ca.reshape(stacked, 2, self.points.numel())
+        return columns @ shares / ca.sum1(shares)
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Ground with independent friction laws along a point's heading and across it.
+
+    Two `Viscous` laws are linear drag, two `Coulomb` laws a box of forces. `NoSlip` across is a
+    skid or a wheel, a `Spike` along is a spike, both are a skid with spikes, and two `NoSlip` laws
+    are a pin.
+
+    Parameters
+    ----------
+    along, across : Law, optional
+        Laws; None for no resistance.
+
+    Raises
+    ------
+    ArgumentError
+        If a law is no friction law of a single direction.
+
+    Examples
+    --------
+    >>> from wormopt.model.friction import Coulomb, NoSlip
+    >>> skid = Axes(along=Coulomb(0.1, 0.1), across=NoSlip())
+    >>> skid.across
+    NoSlip(scale=1.0)
+    """
+
+    along: Law | None = None
+    across: Law | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("along", "across"):
+            law = getattr(self, name)
+            if law is not None and (not isinstance(law, Law) or isinstance(law, type)):
+                raise ArgumentError(f"{name} must be Coulomb(1, 2) or the like, not {law!r:.60}")
+
+    @property
+    def laws(self) -> tuple[Law | None, Law | None]:
+        """Along and across."""
+        return self.along, self.across
+
+
+Ground = Axes | PlanarLaw
+"""Law of one point in the plane."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """Contacts of all points with the ground."""
+
+    contacts: list[Contact]
+    forces: ca.SX  # (2, points) of the ground, along the headings and to their left
+    parameters: tuple[Signal, ...]
+
+    @property
+    def symbols(self) -> ca.SX:
+        """Column of the forces' symbols, in the contacts' order."""
+        return ca.vertcat(ca.SX(0, 1), *(contact.force for contact in self.contacts))
+
+
+def ground_laws(law: Any, points: int) -> list[Ground | None]:
+    """Return the law of every point, from one for all or a sequence; else raise ArgumentError."""
+    laws: list[Any] = (
+        [*law] if isinstance(law, Sequence) and not isinstance(law, str) else [law] * points
+    )
+    if len(laws) != points:
+        raise ArgumentError(f"law must be one or {points}, not {len(laws)}")
+    for each in laws:
+        known = isinstance(each, Axes | PlanarLaw) and not isinstance(each, type)
+        if each is not None and not known:
+            raise ArgumentError(
+                f"law must be Elliptic(1, 2, sideways=3), Axes(along, across) or the like, "
+                f"not {each!r:.60}"
+            )
+    return laws
+
+
+def touch(laws: Sequence[Ground | None], velocities: ca.SX, force: float, speed: float) -> Touching:
+    """Return contacts of points with `velocities` (2, points) along and across their headings.
+
+    `force` and `speed` are usual sizes. Values of the laws become parameters.
+    """
+    named = [*_named(laws)]
+    lifted, parameters = lift([law for *_, law in named])
+    forces, contacts = ca.SX.zeros(2, len(laws)), []
+    for (name, i, rows, _), law in zip(named, lifted, strict=True):
+        symbol = ca.SX.sym(f"force_{len(contacts)}", len(rows))
+        forces[rows, i] = symbol
+        contacts.append(Contact(name, velocities[rows, i], symbol, law, force, speed))
+    return Touching(contacts, forces, parameters)
+
+
+def _named(laws: Sequence[Ground | None]) -> Iterator[tuple[str, int, list[int], Any]]:
+    """Yield name, point, components and law of every contact."""
+    for i, law in enumerate(laws):
+        if not isinstance(law, Axes):
+            if law is not None:
+                yield f"mass {i}", i, [0, 1], law
+            continue
+        for row, (word, one) in enumerate(zip(("along", "across"), law.laws, strict=True)):
+            if one is not None:
+                yield f"mass {i} {word}", i, [row], one
+
+
+# -- obstacles -------------------------------------------------------------------------------------
+
+
+def press(
+    obstacles: Sequence[Wall | Disc], places: ca.SX, velocities: ca.SX, force: float, speed: float
+) -> tuple[list[Contact], ca.SX]:
+    """Return contacts of points with obstacles, and their forces (2, points).
+
+    `places` and `velocities` (2, points) are in the plane.
+    """
+    contacts, forces = [], ca.SX.zeros(2, places.size2())
+    for k, obstacle in enumerate(obstacles):
+        if not isinstance(obstacle, Wall | Disc):
+            raise ArgumentError(f"obstacles must be Wall or Disc, not {obstacle!r:.60}")
+        for i in range(places.size2()):
+            normal = obstacle.normal(places[:, i])
+            aside = ca.vertcat(-normal[1], normal[0])
+            pressed, rubbed = ca.SX.sym(f"pressed_{k}_{i}"), ca.SX.sym(f"rubbed_{k}_{i}")
+            law = Coulomb(obstacle.friction * pressed, obstacle.friction * pressed)
+            forces[:, i] += pressed * normal + rubbed * aside
+            contact = Contact(
+                f"mass {i} at obstacle {k}",
+                ca.dot(aside, velocities[:, i]),
+                rubbed,
+                law,
+                force,
+                speed,
+                gap=obstacle.gap(places[:, i]),
+                normal_force=pressed,
+            )
+            contacts.append(contact)
+    return contacts, forces
+
 
 POWERS = ("input", "torque", "damping", "ground", "pull")
 """Names of works, from outputs ``<name>_power``."""
@@ -112,7 +299,7 @@ def planar_chain(
     Examples
     --------
     >>> from wormopt.model.friction import Viscous
-    >>> from wormopt.systems.planar.dynamics.ground import Axes
+    >>> from wormopt.systems.planar.dynamics.chain import Axes
     >>> drag = Axes(Viscous(0.5), Viscous(5.0))
     >>> worm = planar_chain(2, mass=1.0, stiffness=10.0, damping=1.0, rest_length=1.0, law=drag)
     >>> worm.n_x, [s.name for s in worm.u], len(worm.contacts), worm.x[0].value

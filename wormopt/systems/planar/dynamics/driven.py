@@ -1,7 +1,16 @@
-"""A body in the plane with prescribed shape over time: three degrees of freedom remain."""
+"""Bodies in the plane with prescribed shape over time, and how they stop on dry ground.
+
+Three degrees of freedom remain. A stop is found in a transformed time, in which it never comes.
+With dt = psi dT, where psi is the power of the ground by the velocity v, the force is at most
+linear in v: m dv/dT = f psi - (Ft² v_t, Fn² v_n). For the law of unit directions |v| replaces psi,
+and F replaces F². The direction of v then has an equation of its own and tends to a fixed one,
+along which the speed falls as exp(-cT): the remaining time and displacement have a closed form. The
+stop at a finite time t is at T = infinity. No event is located.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,15 +18,16 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import solve_ivp
 
-from wormopt.control.reference import Reference, gait_reference
-from wormopt.errors import ArgumentError
+from wormopt.control.loop import Reference, gait_reference
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal
+from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.model.values import numbers_of
-from wormopt.systems.planar.body.shape import Shape
-from wormopt.systems.planar.dynamics.chain import pairs
-from wormopt.systems.planar.dynamics.ground import Ground, ground_laws, touch
+from wormopt.systems.planar.dynamics.chain import Ground, ground_laws, pairs, touch
+from wormopt.systems.planar.shape import Shape
 from wormopt.systems.shared.parameters import parameter
 
 Course = Gait | Callable[[ca.SX], ca.SX]
@@ -89,7 +99,7 @@ def driven_shape(
 
     Examples
     --------
-    >>> from wormopt.systems.planar.body.shape import rigid_shape
+    >>> from wormopt.systems.planar.shape import rigid_shape
     >>> rod = driven_shape(rigid_shape([(1.0, 0.0), (-1.0, 0.0)]), mass=1.0, turning=1.0)
     >>> [signal.name for signal in rod.x]
     ['center', 'angle', 'center_velocity', 'turning']
@@ -313,3 +323,94 @@ def _rotated(angles: ca.SX, vectors: ca.SX) -> ca.SX:
 
 def _cross(a: ca.SX, b: ca.SX) -> ca.SX:
     return a[0, :] * b[1, :] - a[1, :] * b[0, :]
+
+
+_SMALL = 1e-14  # share of the speed that counts as none
+_LONGEST = 1e12  # T in units of mass over the largest resistance, squared or not
+_NEWTON = 3  # Newton steps to the fixed direction
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Place and time of a stop."""
+
+    time: float
+    place: tuple[float, float]  # from the start, along its heading and to its left
+
+
+def stop_of(
+    law: Elliptic | AnisotropicCoulomb,
+    mass: float,
+    velocity: tuple[float, float],
+    pull: tuple[float, float],
+) -> Stop:
+    """Return the stop of a block that starts with a velocity other than 0 under a constant pull.
+
+    `velocity` and `pull` are components along its heading, which is constant, and to its left.
+    SolveError if the pull exceeds friction, so that it does not stop.
+    """
+    f, speed = pull, math.hypot(*velocity)
+    square = 2 if isinstance(law, Elliptic) else 1
+    ahead, back, aside = float(law.forward), float(law.backward), float(law.sideways)
+    largest = max(ahead, back, aside)
+
+    def rates(angle: float) -> tuple[float, float, float, float, float]:
+        """Psi over the speed; growth of the speed, turning, and their slopes over the angle."""
+        c, s, first = math.cos(angle), math.sin(angle), ahead
+        if c < 0:
+            first = back
+        p, q = first**square / mass, aside**square / mass
+        psi, steeper = 1.0, 0.0
+        if square == 2:
+            psi = math.hypot(first * c, aside * s)
+            steeper = (aside**2 - first**2) * s * c / psi
+        along, across = (f[0] * c + f[1] * s) / mass, (f[1] * c - f[0] * s) / mass
+        return (
+            psi,
+            psi * along - p * c * c - q * s * s,
+            psi * across - (q - p) * s * c,
+            steeper * along + psi * across - 2 * (q - p) * s * c,
+            steeper * across - psi * along - (q - p) * (c * c - s * s),
+        )
+
+    def rate(_: float, state: np.ndarray) -> tuple[float, ...]:
+        angle, logarithm = float(state[0]), float(state[1])
+        psi, growth, turning, _, _ = rates(angle)
+        v = speed * math.exp(logarithm)
+        return turning, growth, v**2 * psi * math.cos(angle), v**2 * psi * math.sin(angle), v * psi
+
+    def left(_: float, state: np.ndarray) -> float:
+        return state[1] - math.log(_SMALL)
+
+    def turned(_: float, state: np.ndarray) -> float:
+        """Remaining change of the speed's logarithm by the turn, minus a negligible share."""
+        _, _, turning, slope, steep = rates(float(state[0]))
+        if turning == 0:
+            return -_SMALL
+        if steep >= 0:
+            return 1.0
+        off = turning / steep
+        return -(abs(slope * off) + 4 * largest**square / mass * off**2) / steep - _SMALL
+
+    left.terminal = turned.terminal = True  # type: ignore[attr-defined]
+    state = np.array([math.atan2(velocity[1], velocity[0]), 0.0, 0.0, 0.0, 0.0])
+    longest = mass / largest**square
+    if turned(0.0, state) > 0:
+        scale = np.array([1.0, 1.0, *(2 * [speed**2 * mass / largest]), speed * mass / largest])
+        found = solve_ivp(
+            rate, (0.0, _LONGEST * longest), state, "DOP853", rtol=1e-13, atol=1e-18 * scale,
+            events=[left, turned], first_step=1e-3 * longest,
+        )  # fmt: skip
+        state = found.y[:, -1]
+    angle, logarithm, x, y, t = state.tolist()
+    for _ in range(_NEWTON):
+        _, _, turning, _, steep = rates(angle)
+        angle -= turning / steep if steep < 0 else 0.0
+    psi, growth, *_ = rates(angle)
+    if growth >= 0:
+        raise SolveError(
+            "the block does not come to rest", "write a smaller pull, or more friction"
+        )
+    v = speed * math.exp(logarithm)
+    rest = -psi * v**2 / growth / 2
+    return Stop(t - psi * v / growth, (x + rest * math.cos(angle), y + rest * math.sin(angle)))

@@ -1,51 +1,33 @@
-"""Harmonic inputs of a body in the plane, and its works over time."""
+"""Motions in the plane: harmonic inputs, work, compliant obstacles, and steps without events."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from wormopt.control.loop import feed
 from wormopt.errors import ArgumentError
+from wormopt.model.friction import Viscous
 from wormopt.model.model import Model, Output, Signal, Switch, pack
+from wormopt.model.values import signal_values
+from wormopt.progress import Report, silent
+from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.planar.body.strokes import Harmonics
+from wormopt.simulation.walls import smooth_walls
+from wormopt.systems.planar.shape import Harmonics
 
 _POWER = "_power"
 
 
 def swing(plant: Model, period: float, courses: dict[str, Harmonics]) -> Model:
-    """Replace inputs of a plant by harmonics of time; the phase is 0 at time 0.
+    """Replace inputs of a plant, by name, by harmonics of time; the phase is 0 at time 0.
 
-    Parameters
-    ----------
-    plant : Model
-        Model with inputs of these names.
-    period : float
-        Period, positive.
-    courses : dict
-        Harmonics of each input, by its name; other inputs stay.
-
-    Returns
-    -------
-    Model
-        Outputs have the names of the inputs; mean and coefficients are parameters
-        ``<input>_mean``, ``<input>_cosine``, ``<input>_sine``, and the period is ``period``.
-
-    Raises
-    ------
-    ArgumentError
-        If an input does not exist, or has another size.
-
-    Examples
-    --------
-    >>> from wormopt.systems.planar.dynamics.chain import planar_chain
-    >>> worm = planar_chain(1, mass=1.0, stiffness=1.0, damping=0.0, rest_length=1.0)
-    >>> push = Harmonics([0.0], cosine=[[0.0]], sine=[[1.0]])
-    >>> [signal.name for signal in swing(worm, 2.0, {"input": push}).u]
-    []
+    Outputs have the names of the inputs. Parameters are the `period` and the mean and coefficients,
+    ``<input>_mean``, ``<input>_cosine``, ``<input>_sine``. ArgumentError if an input does not exist
+    or has another size.
     """
     known = {signal.name: signal for signal in plant.u}
     T = Signal("period", ca.SX.sym("period"), "time", value=float(period))
@@ -146,3 +128,156 @@ def resting_masses(motion: Trajectory) -> np.ndarray:
         both = [held.get(f"mass {i} {word}", never) for word in ("along", "across")]
         rows.append(held.get(f"mass {i}", both[0] & both[1]))
     return np.array(rows)
+
+
+_TOUCHES = 1e-3  # of the usual force: push of an obstacle that is just touched
+_DAMPED = 2.1  # times sqrt(m / k): above 2 a mass does not bounce
+
+
+@dataclass(frozen=True)
+class Yielding:
+    """Compliance of obstacles."""
+
+    stiffness: float  # force per depth, positive
+    mass: float  # largest mass that hits one
+    v_reg: float = math.inf  # width of velocities over which their friction is steep
+
+
+def let_give_way(worm: Model, obstacles: Yielding) -> Model:
+    """Let obstacles push by explicit forces; the worm keeps the contacts with its ground.
+
+    Masses enter obstacles by force over stiffness, and do not bounce. Friction on obstacles is
+    smooth, and 0 by default: masses creep with it, which is incompatible with exact contact,
+    because the direction of friction turns faster for slower masses. Adds outputs ``wall_force``
+    and ``wall_gap``, one for each mass and obstacle, and ``wall_power`` on the worm.
+    """
+    k = obstacles.stiffness
+    touching = [contact for contact in worm.contacts if contact.gap is not None]
+    soft = smooth_walls(
+        worm,
+        k,
+        smoothing=(_TOUCHES * touching[0].nominal_force) ** 2 / k,
+        relaxation=_DAMPED * math.sqrt(obstacles.mass / k),
+    )
+    pressed, push = soft.z[-1].symbol, soft["wall_force"]
+    rubbing = [c.law.smooth(c.velocity, obstacles.v_reg) for c in touching]  # type: ignore[union-attr,call-arg]
+    old = ca.vertcat(*(c.force for c in touching), pressed)
+    new = ca.vertcat(*(ca.substitute(f, pressed, push) for f in rubbing), push)
+    names = {contact.name for contact in touching}
+    rates = ca.jtimes(ca.vertcat(*(c.gap for c in touching)), pack(worm.x), worm.ode)  # type: ignore[misc]
+    sliding = ca.vertcat(*(c.velocity for c in touching))
+    power = ca.dot(push, rates) + ca.dot(new[: len(touching)], sliding)
+    outputs = [replace(o, expression=ca.substitute(o.expression, old, new)) for o in soft.outputs]
+    return replace(
+        soft,
+        z=soft.z[:-1],
+        alg=ca.SX(0, 1),
+        ode=ca.substitute(soft.ode, old, new),
+        outputs=[
+            *outputs,
+            Output("wall_gap", ca.vertcat(*(c.gap for c in touching)), "length"),  # type: ignore[misc]
+            Output("wall_power", power, "power"),
+        ],
+        contacts=[contact for contact in soft.contacts if contact.name not in names],
+    )
+
+
+def gaps_at_start(worm: Model) -> np.ndarray:
+    """Return distances (obstacles, masses) of the masses from obstacles at the start."""
+    gaps = [contact.gap for contact in worm.contacts if contact.gap is not None]
+    function = ca.Function("gaps", [pack(worm.x)], [ca.vertcat(*gaps)])
+    start = signal_values(worm.x, None, "state", fill=0.0)
+    return np.array(function(start)).reshape(-1, worm.x[0].size // 2)
+
+
+_FINER = 4  # ratio of both steps
+# The place of an event within its step changes the error at first order, randomly: a mass that
+# reverses slides to one side for the whole step. So several steps estimate the longer one's error.
+_LENGTHS = (1.0, 0.93, 0.87, 0.81)
+_SHARE = 0.005  # of the longest stable step
+_PER_WAY = 1e-9  # of the usual size: a displacement below counts as none
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """End by Moreau-Jean steps, compared with the end by events."""
+
+    step: float  # the longer step; the shorter one is a quarter of it
+    # error by the longer step, a root mean square over steps near it: largest difference of a
+    # place over the longest displacement
+    coarse: float
+    fine: float  # error by the shorter step: about a quarter, at first order
+    rounding: float  # possible round-off of the short steps, over the same displacement
+
+
+def stepper_of(worm: Model) -> MoreauJean | None:
+    """Return the time stepper of a planar chain without inputs; None if it cannot treat its ground.
+
+    It treats laws with an elliptic or box set of forces and linear drag, with rods or without.
+    """
+    try:
+        return MoreauJean(_with_clock(_drags_in_ode(worm)))
+    except ArgumentError:
+        return None
+
+
+def step_again(
+    stepper: MoreauJean, motion: Trajectory, step: float | None = None, report: Report = silent
+) -> Stepped:
+    """Simulate the same worm with steps of one length, then of a quarter of it.
+
+    Errors are of first order. `motion` is that of the worm, from time 0, with places as first
+    states. Raises SolveError or Interrupted like `MoreauJean.march`.
+    """
+    model = stepper.model
+    if step is None:
+        start = signal_values(model.x, None, "state", fill=0.0)
+        numbers = signal_values(tuple(model.p), None, "parameter")
+        step = min(_SHARE * stepper.safe_step(start, numbers), motion.end_time / 200)
+    places = motion["position"]
+    way = longest_way(places, motion.system.model.x[0].nominal)
+
+    def error(length: float) -> float:
+        found = stepper.march(motion.end_time, step=length, report=report)
+        return float(np.abs(found.states[: len(places), -1] - places[:, -1]).max() / way)
+
+    coarse = np.sqrt(np.mean([(error(share * step) / share) ** 2 for share in _LENGTHS]))
+    steps = _FINER * motion.end_time / step
+    rounding = steps * np.finfo(float).eps / 2 * float(np.abs(places).max()) / way
+    return Stepped(step, float(coarse), error(step / _FINER), rounding)
+
+
+def longest_way(places: np.ndarray, nominal: float) -> float:
+    """Return the longest displacement of a coordinate, at least a billionth of the usual size."""
+    return float(max(np.abs(np.diff(places, axis=1)).sum(axis=1).max(), _PER_WAY * nominal))
+
+
+def _with_clock(worm: Model) -> Model:
+    """Return the same worm with time as a place that moves at rate 1."""
+    clock, tick = ca.SX.sym("clock"), ca.SX.sym("tick")
+    (place, speed), half = worm.x, worm.n_x // 2
+    ode = ca.vertcat(worm.ode[:half], tick, worm.ode[half:], 0)
+    contacts = [
+        replace(c, velocity=ca.substitute(c.velocity, worm.t, clock)) for c in worm.contacts
+    ]
+    return Model(
+        worm.name,
+        [place, Signal("clock", clock, "time", value=0.0),
+         speed, Signal("tick", tick, "1", value=1.0)],
+        ca.substitute(ode, worm.t, clock),
+        u=worm.u,
+        p=worm.p,
+        contacts=contacts,
+    )  # fmt: skip
+
+
+def _drags_in_ode(worm: Model) -> Model:
+    """Return the same worm with linear drag as an ordinary force."""
+    drags = [c for c in worm.contacts if isinstance(c.law, Viscous)]
+    if not drags:
+        return worm
+    forces = [c.law.slip_force(c.velocity, 1) for c in drags]  # type: ignore[union-attr,call-arg]
+    symbols = ca.vertcat(*(c.force for c in drags))
+    ode = ca.substitute(worm.ode, symbols, ca.vertcat(*forces))
+    kept = [c for c in worm.contacts if not isinstance(c.law, Viscous)]
+    return replace(worm, ode=ode, contacts=kept, outputs=())

@@ -1,4 +1,4 @@
-"""Steps of gaits: the effect of a whole stroke, independent of where it begins."""
+"""Steps of gaits: the effect of a whole stroke, and families proportional to an amplitude."""
 
 from __future__ import annotations
 
@@ -6,19 +6,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
-from wormopt.systems.planar.body.se2 import compose, rotate
-from wormopt.systems.planar.body.shape import Shape
-from wormopt.systems.planar.body.strokes import Stroke
-from wormopt.systems.planar.body.travel import Travel, divided
-from wormopt.systems.planar.crawling.crawl import Crawl
-from wormopt.systems.planar.kinematic.constraints import kinematics_at
-from wormopt.systems.planar.kinematic.loads import Ground, loads
-from wormopt.systems.planar.kinematic.motion import KinematicMotion
+from wormopt.model.planar_friction import PlanarLaw
+from wormopt.systems.planar.crawling.crawl import Crawl, crawl
+from wormopt.systems.planar.kinematic import (
+    Constraints,
+    Ground,
+    KinematicMotion,
+    Phase,
+    kinematic_motion,
+    kinematics_at,
+    loads,
+)
+from wormopt.systems.planar.poses import Travel, compose, divided, rotate
+from wormopt.systems.planar.shape import Polygon, Shape, Stroke
 
 _LONGEST = 1 / 24  # share of a stroke: crawls have long panels, which get as many samples
 
@@ -159,22 +165,8 @@ def kinematic_step(
 ) -> GaitStep:
     """Return a step of a motion that pins and skids determine.
 
-    Parameters
-    ----------
-    name : str
-        Name of the gait.
-    motion : KinematicMotion
-        The motion.
-    amplitude : float, optional
-        Amplitude within the family.
-    ground : law, sequence of laws or None, optional
-        Resistance to sliding, for the work.
-    rates : float or sequence of float, optional
-        Largest rates of the shape variables, which determine the duration.
-
-    Returns
-    -------
-    GaitStep
+    The `ground` resists sliding, for the work; the largest `rates` of the shape variables determine
+    the duration.
     """
     course, found = motion.course, loads(motion, ground)
     return swept(
@@ -299,3 +291,82 @@ def chained(start: np.ndarray, steps: Sequence[GaitStep]) -> np.ndarray:
     for step in steps:
         poses.append(compose(poses[-1], step.displacement))
     return np.array(poses)
+
+
+def gait_family(
+    name: str,
+    shape: Shape,
+    rest: ArrayLike,
+    changes: ArrayLike,
+    amplitudes: Sequence[float],
+    *,
+    ground: Ground = None,
+    held: Constraints | Sequence[Phase] | None = None,
+    rates: Sequence[float] | float = 1.0,
+) -> Family:
+    """Return a family of strokes from a rest shape through others and back, by an amplitude.
+
+    With pins and skids the shape determines the motion. Without them the body crawls slowly, and
+    friction determines the motion.
+
+    Parameters
+    ----------
+    name : str
+        Name of the gait.
+    shape : Shape
+        The body.
+    rest : array_like, shape (n_s,)
+        Shape at the start and end of the stroke.
+    changes : array_like, shape (k, n_s)
+        Shapes in between, less the rest shape, at amplitude 1.
+    amplitudes : sequence of float
+        Amplitudes that a search may use, ascending.
+    ground : law, sequence of laws or None, optional
+        Friction of all masses, or of each: `Elliptic` for a crawl; with constraints the resistance
+        to sliding, for the work.
+    held : Constraints or sequence of Phase, optional
+        Constraints; none if left out.
+    rates : float or sequence of float, optional
+        Largest rates of the shape variables, for the duration.
+
+    Returns
+    -------
+    Family
+
+    Raises
+    ------
+    ArgumentError
+        If there are neither constraints nor ground.
+
+    Examples
+    --------
+    Two links stretch, one after the other; the ground resists backward motion more.
+
+    >>> import wormopt as wo
+    >>> worm, law = wo.planar.chain_shape(2), wo.Elliptic(1.0, 3.0, 2.0)
+    >>> pull = [[0.4, 0.0, 0.0], [0.4, 0.4, 0.0], [0.0, 0.4, 0.0]]
+    >>> ahead = wo.planar.gait_family("ahead", worm, (0.6, 0.6, 0.4), pull, (0.5, 1.0), ground=law)
+    >>> bool(ahead.make(1.0).displacement[0] > 0.1)
+    True
+    """
+    stroke = _strokes(rest, changes)
+    if held is None and ground is None:
+        raise ArgumentError("without constraints and ground the body does not move; give a ground")
+
+    def make(amplitude: float) -> GaitStep:
+        if held is not None:
+            motion = kinematic_motion(shape, stroke(amplitude), held)
+            return kinematic_step(name, motion, amplitude=amplitude, ground=ground, rates=rates)
+        found = crawl(shape, cast("PlanarLaw", ground), stroke(amplitude))
+        return crawl_step(name, found, amplitude=amplitude, rates=rates)
+
+    if held is not None:
+        return Family(name, make, tuple(amplitudes))
+    # phases appear and vanish with the amplitude: more points do not improve a polynomial
+    return Family(name, make, tuple(amplitudes), degree=6)
+
+
+def _strokes(rest: ArrayLike, changes: ArrayLike) -> Callable[[float], Polygon]:
+    """Return strokes by their amplitude, from rest through other shapes and back."""
+    start, way = np.asarray(rest, dtype=float), np.atleast_2d(np.asarray(changes, dtype=float))
+    return lambda amplitude: Polygon(np.vstack([start, start + amplitude * way]))

@@ -5,42 +5,34 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from itertools import pairwise
+from typing import Annotated, Any, Literal
 
-import numpy as np
+from msgspec import Meta
 
 from wormopt.errors import ArgumentError
-from wormopt.systems.planar.body.obstacles import Obstacle, to_point
-from wormopt.systems.planar.body.se2 import rotate
-from wormopt.systems.planar.path.steps import GaitStep, Library
+from wormopt.study import Given, entry, on_use, positive
+from wormopt.systems.planar.obstacles import Obstacle, Place, to_point
+
+with on_use():
+    import numpy as np
+
+    from wormopt.systems.planar.path.steps import GaitStep, Library
+    from wormopt.systems.planar.poses import rotate
 
 Cost = Literal["steps", "work", "time"]
-Near: TypeAlias = "Tolerance | tuple[float, float]"
 
 
-@dataclass(frozen=True)
-class Tolerance:
-    """Accepted distance and angle from a pose.
+class Tolerance(Given, kw_only=False):
+    """Largest distance and angle from a pose."""
 
-    Parameters
-    ----------
-    place : float
-        Largest distance.
-    angle : float
-        Largest angle, rad.
-    """
-
-    place: float
-    angle: float
+    place: float = positive("length", "largest distance")
+    angle: float = positive("angle", "largest angle")
 
     @classmethod
-    def of(cls, given: Near) -> Tolerance:
+    def of(cls, given: Tolerance | tuple[float, float]) -> Tolerance:
         """Return a tolerance from a distance and an angle."""
         return given if isinstance(given, Tolerance) else cls(*given)
-
-    def __post_init__(self) -> None:
-        if not (0 < self.place < np.inf and 0 < self.angle < np.inf):
-            raise ArgumentError(f"tolerances must be positive, not {self.place}, {self.angle}")
 
     def met(self, off: np.ndarray) -> np.ndarray:
         """Return whether differences (..., 3) from a pose are within the tolerance.
@@ -54,26 +46,13 @@ class Tolerance:
         return near & (np.abs(wrapped(off[..., 2])) <= self.angle)
 
 
-@dataclass(frozen=True, eq=False)
-class Corridor:
-    """A polyline with a strip to both sides that no mass may leave.
+class Corridor(Given, kw_only=False):
+    """A line with a strip to both sides that no mass may leave."""
 
-    Parameters
-    ----------
-    line : array_like, shape (m, 2)
-        Its corners in order.
-    width : float
-        Largest distance of a mass from the line to either side.
-    """
-
-    line: np.ndarray
-    width: float
-
-    def __post_init__(self) -> None:
-        line = np.array(self.line, dtype=float)
-        object.__setattr__(self, "line", line)
-        if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not self.width > 0:
-            raise ArgumentError("a corridor needs a line of two or more points and a width above 0")
+    line: Annotated[
+        tuple[Place, ...], Meta(min_length=2, max_length=200, description="two places or more")
+    ] = entry("corners of the line in order", quantity="length")
+    width: float = positive("length", "largest distance from the line to either side")
 
     def room(self, points: np.ndarray) -> np.ndarray:
         """Return the distance left to points (..., 2) until they leave the corridor.
@@ -83,7 +62,8 @@ class Corridor:
         points : ndarray, shape (..., 2)
             The points.
         """
-        pieces = zip(self.line, self.line[1:], strict=False)
+        line = np.array(self.line)
+        pieces = pairwise(line)
         return self.width - np.min([to_point(points, a, b) for a, b in pieces], axis=0)
 
 

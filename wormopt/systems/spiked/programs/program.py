@@ -27,8 +27,8 @@ from wormopt.systems.shared.sequences import (
     wave_direction,
 )
 from wormopt.systems.spiked.gait_problem import GaitProblem
-from wormopt.systems.spiked.programs.gait_rows import GaitRows
-from wormopt.systems.spiked.programs.split import (
+from wormopt.systems.spiked.programs.gait_rows import (
+    GaitRows,
     Pattern,
     least_patterns,
     simple_patterns,

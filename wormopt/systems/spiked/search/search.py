@@ -320,6 +320,9 @@ _BRIEF = 0.05
 _BATCH = 8
 # Largest number of joined cycles in a round.
 _JOINED = 100
+# Share by which phases of a cycle that is joined with itself change: from equal cycles a climb sees
+# no gain in making them differ.
+_UNEVEN = 0.25
 # First trials that are pursued, for each order that is varied at a time.
 _PLACES = 6
 # Variations of the best orders for each insertion into a wave or variation of a niche.
@@ -654,6 +657,10 @@ def _joined(race: Race, parents: list[_Parent]) -> Iterator[Start]:
             continue
         for word in (two, mirrored(two, masses)) if race.mirror else (two,):
             for k in range(len(word)):
+                joined = (*one, *word[k:], *word[:k])
                 times = np.concatenate([first, np.roll(second, -k)])
+                if joined[len(one) :] == one:
+                    change = _UNEVEN * (-1.0) ** np.arange(len(one))
+                    times *= 1.0 + np.concatenate([change, -change])
                 cycles = max(1, round(longest / times.sum()))
-                yield Start((*one, *word[k:], *word[:k]), times, cycles)
+                yield Start(joined, times, cycles)

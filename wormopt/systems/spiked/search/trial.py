@@ -14,9 +14,8 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
 from wormopt.systems.shared.sequences import Sequence_, wave_direction
 from wormopt.systems.spiked.gait_problem import GaitProblem
-from wormopt.systems.spiked.programs.gait_rows import has_cost_columns
+from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, split_matters
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
-from wormopt.systems.spiked.programs.split import split_matters
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,0 @@
-"""Uncertainty of a fit: intervals, tests, predictions, draws."""

@@ -1,1 +1,0 @@
-"""Derivatives of one number of a motion by everything the motion depends on."""

@@ -1,1 +1,0 @@
-"""Derivatives of motions: directions, variational equations, and points without derivatives."""

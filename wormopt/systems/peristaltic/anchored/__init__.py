@@ -1,1 +1,0 @@
-"""Gaits that anchor in a tube: waves, bounds of their speed, the fastest gait, slips."""

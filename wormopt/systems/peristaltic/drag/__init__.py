@@ -1,1 +1,0 @@
-"""The worm on length-dependent drag: its Model, its best small and large gaits."""

@@ -1,1 +1,0 @@
-"""One segment: a sealed membrane in its coil and tube; inflated, wound, its true shape."""

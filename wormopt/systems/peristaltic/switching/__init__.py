@@ -1,1 +1,0 @@
-"""Coils that are on or off: optimal times and order of switching."""

@@ -1,1 +1,0 @@
-"""The body in the plane: its points by its shape, strokes of the shape, poses, and obstacles."""

@@ -1,1 +1,0 @@
-"""Motions determined by pins and skids, and the loads of these."""
