@@ -182,9 +182,10 @@ class Page:
             self.drawn.text(0.0, 1.0, text, label=FACTS)
 
     def legend(self, *more: Artist) -> Figure:
-        """Put one legend below all panels, of what is labelled in them and more; give the sheet."""
+        """Put one legend below all panels, for those without one and for more; give the sheet."""
         named = dict[str, Artist]()
-        for entry in [*(entry for panel in self.panels for entry in panel.labelled()), *more]:
+        bare = [panel for panel in self.panels if panel.axes.get_legend() is None]
+        for entry in [*(entry for panel in bare for entry in panel.labelled()), *more]:
             named.setdefault(str(entry.get_label()), entry)
         entries = [*named.values()]
         texts, columns = fitted(entries, 1.0)

@@ -477,7 +477,6 @@ def peristalsis(result: Result) -> Figure:
     way.legend()
     page.facts(speed="mean speed", ceiling="upper bound", wave_speed="wave", stroke="stroke")
     shape.entries = [patch("anchored on the wall", _ANCHORED), patch("moving, off the wall", _THIN)]
-    page.panels.remove(way)  # which has its own legend
     return page.legend()
 
 
