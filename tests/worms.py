@@ -1,13 +1,28 @@
-"""The worm of docs/verification.md that tests control, and its loops at a point."""
+"""The worm of docs/verification.md that tests control, its benchmark, and its loops at a point."""
 
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from wormopt.control.lambda_tracker import Feedback
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
 from wormopt.systems.chain.build import chain
+
+# docs/verification.md, trackers: x, v, gain (and the filter) at t = 10
+TRACKED: dict[Feedback, list[float]] = {
+    "filter": [
+        *(13.7293026425339, 12.5129899383629, 11.2234323017047),
+        *(1.5442046082437, 1.2147444914821, 0.6496895012235),
+        *(17.0537482219161, -0.7848014274676, -0.7122939752036),
+    ],
+    "derivative": [
+        *(13.9905483956915, 12.7643770141827, 11.4656131519066),
+        *(1.5265682540374, 1.2068425686835, 0.6714590289857),
+        17.4065002539140,
+    ],
+}
 
 
 def free_worm(links: int = 2, law: Any = None, **changed: Any) -> Model:

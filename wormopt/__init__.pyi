@@ -148,7 +148,7 @@ from wormopt.model.planar_friction import AnisotropicCoulomb as AnisotropicCoulo
 from wormopt.systems import channel as channel
 
 # Group: Families: sweeps and ensembles
-from wormopt.sweeps.sweep import sweep as sweep
+from wormopt.families.sweep import sweep as sweep
 from wormopt.simulation.ensemble import simulate_ensemble as simulate_ensemble
 from wormopt.simulation.ensemble import Ensemble as Ensemble
 from wormopt.simulation.ensemble import Scenario as Scenario

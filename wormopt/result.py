@@ -418,7 +418,7 @@ class Result:
         (['length_0', 'length_1'], 4.0)
         """
         if self.kind == "sweep" and over is None:
-            return above("wormopt.sweeps.gathered:dataframe")(self)
+            return above("wormopt.families.gathered:dataframe")(self)
         from wormopt.labelled import dataframe
 
         return dataframe(self.variables, self.labels, over)

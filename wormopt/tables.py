@@ -278,7 +278,7 @@ def _cells(line: str, separator: str) -> list[str]:
 def _separator(lines: list[tuple[int, str]]) -> str:
     """Separator of the cells of the last lines, "" if they have only one cell.
 
-    It splits them into equal numbers of cells, most of which are numbers.
+    It splits them into equal numbers of cells, most of which are numbers or empty.
     """
 
     def share(separator: str) -> float:
@@ -288,7 +288,7 @@ def _separator(lines: list[tuple[int, str]]) -> str:
         width = Counter(map(len, rows)).most_common(1)[0][0]
         if width < 2:
             return 0.0
-        good = sum(_is_number(cell) for row in rows for cell in row if len(row) == width)
+        good = sum(_filled(row) for row in rows if len(row) == width)
         return good / (width * len(rows))
 
     shares = {separator: share(separator) for separator in _SEPARATORS}

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import casadi as ca
@@ -123,14 +123,12 @@ class Brute:
         for a, b, signs in self.pieces(lambda _: x):
             own = [
                 np.polynomial.Chebyshev.interpolate(
-                    lambda ts, k=k, signs=signs: np.array(
-                        [self.rate(x, t, signs)[k] - mean[k] for t in ts]
-                    ),
-                    80,
-                    domain=[a, b],
+                    lambda ts, k=k, signs=signs:
+                        np.array([self.rate(x, t, signs)[k] - mean[k] for t in ts]),
+                    80, domain=[a, b],
                 ).integ(lbnd=a)
                 for k in range(len(x))
-            ]
+            ]  # fmt: skip
             own = [c + s for c, s in zip(own, start, strict=True)]
             start = np.array([c(b) for c in own])
             total += [c.integ(lbnd=a)(b) for c in own]
@@ -167,11 +165,6 @@ class Brute:
 # -- the pair -------------------------------------------------------------------------------------
 
 
-def slowly(value: Any) -> Any:
-    """A case that takes long."""
-    return pytest.param(value, marks=pytest.mark.slow)
-
-
 def random_states(count: int, seed: int, low: float, high: float) -> np.ndarray:
     """States of the pair with V / (a Omega) between two bounds."""
     random = np.random.default_rng(seed)
@@ -206,17 +199,10 @@ def test_one_model_serves_all_parameters():
         assert rates_of(model, **changed)(x) == pytest.approx(expected, rel=1e-13, abs=1e-16)
 
 
-@pytest.mark.parametrize(
-    "laws",
-    [
-        [STRIBECK, STRIBECK],
-        [VISCOUS, VISCOUS],
-        [COULOMB, STRIBECK],
-        [VISCOUS, COULOMB],
-        [Coulomb(0.2 * EPS, 0.9 * EPS), Coulomb(0.7 * EPS, 0.3 * EPS)],
-    ],
-    ids=["stribeck", "viscous", "dry and stribeck", "viscous and dry", "two dry ones"],
-)
+@pytest.mark.parametrize("laws", [
+    [STRIBECK, STRIBECK], [VISCOUS, VISCOUS], [COULOMB, STRIBECK], [VISCOUS, COULOMB],
+    [Coulomb(0.2 * EPS, 0.9 * EPS), Coulomb(0.7 * EPS, 0.3 * EPS)],
+])  # fmt: skip
 @pytest.mark.parametrize("cosines", [(1.0, 1.0), (1.0, 1.0, 0.5, 0.2)])
 def test_other_laws_and_fields_by_brute_force(laws: list[Law], cosines: tuple[float, ...]):
     model = slow_pair(law=laws, cosines=cosines, **PAIR)
@@ -231,10 +217,8 @@ def test_other_laws_and_fields_by_brute_force(laws: list[Law], cosines: tuple[fl
 
 
 def test_higher_harmonics_of_the_field_do_not_matter_to_first_order_but_to_second():
-    laws = [COULOMB, COULOMB]
-    plain, rich = (
-        slow_pair(law=laws, cosines=c, **PAIR) for c in ((0.0, 1.0), (1.0, 1.0, 0.5, 0.2))
-    )
+    fields = (0.0, 1.0), (1.0, 1.0, 0.5, 0.2)
+    plain, rich = (slow_pair(law=COULOMB, cosines=cosines, **PAIR) for cosines in fields)
     (x,) = random_states(1, 4, 0.3, 0.5)
     one, two = (rates_of(averaged(model))(x) for model in (plain, rich))
     assert one == pytest.approx(two, rel=0, abs=1e-16)
@@ -250,7 +234,6 @@ def test_higher_harmonics_of_the_field_do_not_matter_to_first_order_but_to_secon
         ([Coulomb(0.2 * EPS, 0.9 * EPS), VISCOUS], (1.0, 1.0, 0.5, 0.2)),
         ([STRIBECK, COULOMB], (0.3, 1.0, 0.5)),
     ],
-    ids=["dry", "viscous and dry", "stribeck and dry"],
 )
 def test_second_order_of_the_pair_by_brute_force(laws: list[Law], cosines: tuple[float, ...]):
     model = slow_pair(law=laws, cosines=cosines, **PAIR)
@@ -272,7 +255,7 @@ def gait_of(*, jumps: bool) -> Gait:
 
 
 @pytest.mark.parametrize("jumps", [True, False])
-@pytest.mark.parametrize("order", [1, slowly(2)])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_fields_that_follow_a_schedule_by_brute_force(jumps: bool, order: int):
     laws = [COULOMB, Coulomb(0.3 * EPS, 0.4 * EPS)]
     plant = slow_pair(law=laws, cosines=None, **PAIR)
@@ -357,20 +340,15 @@ def test_averages_do_not_depend_on_the_unit_of_velocity(unit: float):
 # -- several harmonics ----------------------------------------------------------------------------
 
 
-def shaped(law: Law, cosines: Sequence[float], sines: Sequence[float]) -> Model:
+def shaped(law: Law, cosines: Any, sines: Any) -> Model:
     """A block on ground that shakes with several harmonics, and is pushed besides."""
     t, v, f, scale = (ca.SX.sym(n) for n in ("t", "v", "f", "scale"))
     order = ca.DM(np.arange(1, len(cosines) + 1))
     shape = ca.dot(ca.DM(cosines), ca.cos(order * t)) + ca.dot(ca.DM(sines), ca.sin(order * t))
     contact = Contact("block", v + scale * shape, f, law)
-    return Model(
-        "shaken block",
-        x=[Signal("v", v)],
-        ode=f + EPS * ca.sin(t) + EPS * v * ca.cos(2 * t),
-        p=[Signal("scale", scale, value=1.0)],
-        t=t,
-        contacts=[contact],
-    )
+    rate = f + EPS * ca.sin(t) + EPS * v * ca.cos(2 * t)
+    p = [Signal("scale", scale, value=1.0)]
+    return Model("shaken block", x=[Signal("v", v)], ode=rate, p=p, t=t, contacts=[contact])
 
 
 def forward_share(v: float, harmonics: np.ndarray) -> float:
@@ -389,11 +367,10 @@ def test_shapes_drawn_at_random_slide_forward_as_long_as_their_roots_say(n: int,
     """Also where a narrow peak is all that reverses."""
     random = np.random.default_rng(seed)
     cosines, sines = random.normal(size=(2, n))
-    model = average(shaped(COULOMB, cosines.tolist(), sines.tolist()), 2 * np.pi)
+    rates = rates_of(average(shaped(COULOMB, cosines, sines), 2 * np.pi), scale=1.0)
     harmonics = cosines - 1j * sines
     course = np.exp(2j * np.pi * np.outer(np.arange(4096) / 4096, np.arange(1, n + 1)))
     w = np.real(course @ harmonics)
-    rates = rates_of(model, scale=1.0)
     for v in (*random.uniform(-w.max(), -w.min(), 8), -w.max() - 0.003 * w.min()):
         share = forward_share(v, harmonics)
         assert rates([v])[0] == pytest.approx(EPS * (1 - 1.5 * share), abs=1e-9 * EPS)
@@ -409,13 +386,8 @@ SHAPES = [
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize(
-    "law",
-    [COULOMB, pytest.param(VISCOUS, marks=pytest.mark.slow), WIDE],
-    ids=["dry", "viscous", "stribeck"],
-)
+@pytest.mark.parametrize("law", [COULOMB, VISCOUS, WIDE])
 def test_several_harmonics_by_brute_force(shape: tuple[list[float], list[float]], law: Law):
     model = shaped(law, *shape)
     nodes = 80 if law is WIDE else 20  # of 5 harmonics in one piece, where nothing reverses
@@ -425,7 +397,9 @@ def test_several_harmonics_by_brute_force(shape: tuple[list[float], list[float]]
         assert found([v]) == pytest.approx(brute.mean([v]), rel=0, abs=5e-13 * EPS)
 
 
-@pytest.mark.parametrize("shape", [SHAPES[0], *(slowly(shape) for shape in SHAPES[1:])])
+@pytest.mark.parametrize(
+    "shape", [SHAPES[0], *(pytest.param(s, marks=pytest.mark.slow) for s in SHAPES[1:])]
+)
 def test_second_order_of_several_harmonics_by_brute_force(shape: Any):
     model = shaped(COULOMB, *shape)
     first, second = (rates_of(average(model, 2 * np.pi, order=order)) for order in (1, 2))
@@ -449,7 +423,7 @@ def test_reversals_of_random_shapes(cos: list[float], sin: list[float], v: float
     cosines, sines = np.round([cos[:count], sin[:count]], 3)
     if np.hypot(cosines, sines).max() < 0.1:
         return
-    model = shaped(Coulomb(0.0, 1.0), cosines.tolist(), sines.tolist())
+    model = shaped(Coulomb(0.0, 1.0), cosines, sines)
     found = rates_of(average(model, 2 * np.pi), scale=scale)([v])[0]
     t = (np.arange(40_000) + 0.5) / 40_000 * 2 * np.pi
     turn = np.outer(np.arange(1, count + 1), t)
@@ -477,10 +451,8 @@ def test_slope_and_curvature_of_mean_friction_are_exact():
 
 
 def test_a_shaking_that_is_still_for_now_may_begin_later():
-    law = Coulomb(0.5, 1.0)
-    still = shaped(law, [0.3, -0.7, 0.4], [0.9, 0.2, -0.5])
-    still = replace(still, p=[replace(still.p[0], value=0.0)])
-    shaken = shaped(law, [0.3, -0.7, 0.4], [0.9, 0.2, -0.5])
+    shaken = shaped(Coulomb(0.5, 1.0), *SHAPES[1])
+    still = replace(shaken, p=[replace(shaken.p[0], value=0.0)])
     found, expected = (rates_of(average(m, 2 * np.pi), scale=0.8) for m in (still, shaken))
     assert found([0.1]) == pytest.approx(expected([0.1]), rel=1e-13)
 
@@ -495,24 +467,19 @@ def test_places_of_reversals_lie_within_one_period(place: float):
 # -- derivatives ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("laws", [COULOMB, STRIBECK, [VISCOUS, COULOMB]],
-                         ids=["dry", "stribeck", "mixed"])  # fmt: skip
+PLACES = [(0.2, 0.3, -0.4), (0.9, 0.3, 0.4), (-0.3, -0.2, 0.3), (-1.1, -0.2, 0.3)]
+# both reverse at once: v_1 = V - z' and v_2 = V + z' at V = 0
+AT_ONCE = [(0.0, 0.3, -0.4), (0.0, 0.5, 0.0)]
+
+
 @pytest.mark.parametrize(
-    "x", [(0.2, 0.3, -0.4), (0.0, 0.3, -0.4), (0.9, 0.3, 0.4), (-1.1, -0.2, 0.3), (0.0, 0.5, 0.0)],
-    ids=["within", "both reverse at once", "beyond", "beyond, backward", "at the start"],
-)  # fmt: skip
-def test_derivatives_by_finite_differences(laws: Any, x: tuple[float, ...]):
-    # both reverse at once: v_1 = V - z' and v_2 = V + z' at V = 0
-    check_derivatives(laws, x, 1)
-
-
-@pytest.mark.parametrize("laws", [COULOMB, [VISCOUS, COULOMB]], ids=["dry", "mixed"])
-@pytest.mark.parametrize("x", [(0.2, 0.3, -0.4), (0.9, 0.3, 0.4), (-0.3, -0.2, 0.3)])
-def test_derivatives_of_the_second_order(laws: Any, x: tuple[float, ...]):
-    check_derivatives(laws, x, 2)
-
-
-def check_derivatives(laws: Any, x: tuple[float, ...], order: int) -> None:
+    ("laws", "x", "order"),
+    [
+        *product([COULOMB, STRIBECK, [VISCOUS, COULOMB]], [*PLACES, *AT_ONCE], [1]),
+        *product([COULOMB, [VISCOUS, COULOMB]], PLACES[:3], [2]),
+    ],
+)
+def test_derivatives_by_finite_differences(laws: Any, x: tuple[float, ...], order: int):
     # enough nodes that errors of quadrature, which are not smooth there, do not show
     model = averaged(slow_pair(law=laws, **PAIR), order, nodes=32)
     expected = differences(rates_of(model), np.array(x))
@@ -535,17 +502,13 @@ def test_both_forms_of_the_pair_move_alike():
     t = np.linspace(0.0, 60.0, 121)
     there = simulate(magnetic_pair(**settings_), 60.0, x0={"position": x0, "velocity": v0}, times=t)
     begin = to_slow(0.0, x0, v0, frequency=NU)
-    slow = simulate(
-        slow_pair(**settings_), 60.0, times=t,
-        x0={"center_velocity": begin["center_velocity"], "swing": begin["swing"]},
-    )  # fmt: skip
+    x0_slow = {name: begin[name] for name in ("center_velocity", "swing")}
+    slow = simulate(slow_pair(**settings_), 60.0, times=t, x0=x0_slow)
     expected = to_slow(t, there["position"], there["velocity"], frequency=NU)
     assert slow["center_velocity"][0] == pytest.approx(expected["center_velocity"], abs=1e-9)
     assert slow["swing"] == pytest.approx(expected["swing"], abs=1e-9)
-    back = from_slow(
-        t, slow["center_velocity"][0], slow["swing"], center=expected["center"],
-        frequency=NU,
-    )  # fmt: skip
+    center = expected["center"]
+    back = from_slow(t, slow["center_velocity"][0], slow["swing"], center=center, frequency=NU)
     assert back["position"] == pytest.approx(there["position"], abs=1e-9)
     assert back["velocity"] == pytest.approx(there["velocity"], abs=1e-9)
     assert sum(event.kind == "reversal" for event in there.events) > 40
@@ -573,23 +536,16 @@ def test_a_pair_with_dimensions_is_the_scaled_one():
     # lengths in l0, times in sqrt(m/c), forces in c l0
     m, c, length = 3e-3, 3.0345, 29e-3
     time, force = math.sqrt(m / c), c * length
-    plain = magnetic_pair(law=Coulomb(0.5 * EPS, EPS), push=EPS, frequency=NU)
-    scaled = magnetic_pair(
-        law=Coulomb(0.5 * EPS * force, EPS * force), push=EPS * force, frequency=NU / time,
-        mass=m, stiffness=c,
-    )  # fmt: skip
+    real: dict[str, Any] = {
+        "law": Coulomb(0.5 * EPS * force, EPS * force), "push": EPS * force,
+        "frequency": NU / time, "mass": m, "stiffness": c,
+    }  # fmt: skip
+    plain, scaled = magnetic_pair(law=COULOMB, **PAIR), magnetic_pair(**real)
     t = np.linspace(0.0, 80.0, 41)
     one, other = simulate(plain, 80.0, times=t), simulate(scaled, 80.0 * time, times=t * time)
     assert other["position"] / length == pytest.approx(one["position"], abs=1e-9)
     assert other["velocity"] * time / length == pytest.approx(one["velocity"], abs=1e-9)
-    averages = averaged(slow_pair(law=COULOMB, **PAIR), 2)
-    big = averaged(
-        slow_pair(
-            law=Coulomb(0.5 * EPS * force, EPS * force), push=EPS * force, frequency=NU / time,
-            mass=m, stiffness=c,
-        ),
-        2,
-    )  # fmt: skip
+    averages, big = (averaged(slow_pair(**g), 2) for g in ({"law": COULOMB, **PAIR}, real))
     (x,) = random_states(1, 9, 0.3, 0.6)
     units = np.array([length / time, length, length])
     expected = rates_of(averages)(x) * units / time
@@ -598,9 +554,8 @@ def test_a_pair_with_dimensions_is_the_scaled_one():
 
 def test_masses_of_one_phase_are_one_block():
     """N masses average to what their blocks do, each for itself."""
-    law = Coulomb(0.5 * EPS, EPS)
-    pair = harmonic_masses([1.0, -1.0], [0.0, 0.0], law=law)
-    alone = rates_of(average(block(law), 2 * np.pi))
+    pair = harmonic_masses([1.0, -1.0], [0.0, 0.0], law=COULOMB)
+    alone = rates_of(average(block(), 2 * np.pi))
     both = rates_of(averaged(pair))
     for V in (-1.3, -0.4, 0.0, 0.5, 0.99):
         assert both([V]) == pytest.approx(alone([V]), abs=1e-16)
@@ -610,10 +565,9 @@ def test_masses_of_one_phase_are_one_block():
 def test_extrema_of_three_and_five_fold_do_not_hide_reversals(shift: float):
     """cos t - cos(2t) / 4 is flat at its top: (cos t < 1 - sqrt(3/2)) is where it is below 0."""
     below = 1 - math.acos(1 - math.sqrt(1.5)) / math.pi
-    turn = 2 * math.pi * shift
-    cosines = [math.cos(turn), -math.cos(2 * turn) / 4]
-    sines = [math.sin(turn), -math.sin(2 * turn) / 4]
-    mean = rates_of(average(shaped(Coulomb(0.0, EPS), cosines, sines), 2 * math.pi))([0.0])
+    turn, size = 2 * math.pi * shift * np.array([1, 2]), np.array([1, -1 / 4])
+    shaken = shaped(Coulomb(0.0, EPS), size * np.cos(turn), size * np.sin(turn))
+    mean = rates_of(average(shaken, 2 * math.pi))([0.0])
     assert mean[0] / EPS == pytest.approx(below, abs=1e-9)
 
 

@@ -65,72 +65,62 @@ def in_the_plane() -> Model:
 
 MODEL_OF_A_STATE, SYMBOL = block(), ca.SX.sym("T")
 
-REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
-    "no model": (lambda: "block", 2 * np.pi, "must be a Model, not str"),
-    "spikes": (lambda: block(Spike()), 2 * np.pi, "block cannot slide both ways"),
-    "contacts in the plane": (in_the_plane, 2 * np.pi, "block moves in the plane"),
-    "delays": (lagging, 2 * np.pi, "delay"),
-    "switches": (switching, 2 * np.pi, "a block has switches"),
-    "algebraic": (with_z, 2 * np.pi, "algebraic variables"),
-    "secular": (
-        lambda: block(ode=lambda v, t, f: f + t), 2 * np.pi, "does not repeat after the period"
-    ),
-    "begins to repeat": (
-        lambda: block(ode=lambda v, t, f: f + ca.fmax(t - 7.5, 0)), 2 * np.pi, "does not repeat"
-    ),
-    "wrong period": (block, 6.0, "does not repeat after the period"),
-    "half a period": (block, np.pi, "does not repeat after the period"),
-    "velocity from a schedule": (
-        lambda: scheduled(True), 2 * np.pi, "the velocity of block follows a schedule"
-    ),
-    "schedule that ends": (lambda: scheduled(False, False), 2 * np.pi, "does not repeat"),
-    "schedule of another period": (
-        lambda: scheduled(False, True, 5.0), 2 * np.pi, "push does not repeat with the period"
-    ),
-    "none of a schedule's periods": (
-        lambda: scheduled(False), 1e-12, "push does not repeat with the period"
-    ),
-    "period of a parameter beside a schedule": (
-        lambda: scheduled_over(SYMBOL), SYMBOL, "push does not repeat with the period"
-    ),
-    "shape of states": (of_two_factors, 2 * np.pi, "ratios depend on states"),
-    "shape of parameters": (of_a_hidden_harmonic, 2 * np.pi, "ratios depend on states"),
-    "no swing": (lambda: block(velocity=lambda v, t: v), 2 * np.pi, "block does not swing"),
-    "no velocity": (
-        lambda: block(velocity=lambda v, t: ca.SX(0)), 2 * np.pi, "block does not swing"
-    ),
-    "corners": (
-        lambda: block(velocity=lambda v, t: v + ca.fabs(ca.sin(t))), 2 * np.pi, "at most 31"
-    ),
-    "harmonics above 31": (
-        lambda: block(velocity=lambda v, t: v + ca.cos(32 * t)), 2 * np.pi, "at most 31"
-    ),
-    "harmonics that pass for lower ones": (
-        lambda: block(velocity=lambda v, t: v + ca.cos(33 * t)), 2 * np.pi, "at most 31"
-    ),
-    "harmonics that pass for a mean": (
-        lambda: block(velocity=lambda v, t: v + ca.cos(64 * t)), 2 * np.pi, "at most 31"
-    ),
-    "harmonics that pass for one there is": (
-        lambda: block(velocity=lambda v, t: v + ca.cos(t) + ca.cos(65 * t) / 2), 2 * np.pi,
-        "at most 31",
-    ),
-    "zero": (block, 0.0, "period must be a positive number"),
-    "no single number": (block, ca.SX.sym("T", 2), "period must be a positive number"),
-    "period of a state": (
-        lambda: MODEL_OF_A_STATE, 2 * np.pi / MODEL_OF_A_STATE.x[0].symbol, "expression of param"
-    ),
-    "no number": (block, "long", "period must be a positive number"),
-    "negative": (block, -2 * np.pi, "period must be a positive number"),
-    "infinite": (block, math.inf, "period must be a positive number"),
-}  # fmt: skip
+PERIODIC, NO_PERIOD = "does not repeat after the period", "period must be a positive number"
+PUSH = "push does not repeat with the period"
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_has_no_average_is_refused(case: str):
-    make, period, message = REFUSED[case]
+def swinging(velocity: Callable[[Any, Any], Any]) -> Callable[[], Model]:
+    return lambda: block(velocity=velocity)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: "block", "must be a Model, not str"),
+        (lambda: block(Spike()), "block cannot slide both ways"),
+        (in_the_plane, "block moves in the plane"),
+        (lagging, "delay"),
+        (switching, "a block has switches"),
+        (with_z, "algebraic variables"),
+        (lambda: block(ode=lambda v, t, f: f + t), PERIODIC),
+        (lambda: block(ode=lambda v, t, f: f + ca.fmax(t - 7.5, 0)), PERIODIC),
+        (lambda: scheduled(True), "the velocity of block follows a schedule"),
+        (lambda: scheduled(False, False), "does not repeat"),  # it ends
+        (lambda: scheduled(False, True, 5.0), PUSH),
+        (of_two_factors, "ratios depend on states"),
+        (of_a_hidden_harmonic, "ratios depend on states"),
+        (swinging(lambda v, t: v), "block does not swing"),
+        (swinging(lambda v, t: ca.SX(0)), "block does not swing"),
+        (swinging(lambda v, t: v + ca.fabs(ca.sin(t))), "at most 31"),
+        (swinging(lambda v, t: v + ca.cos(32 * t)), "at most 31"),
+        # harmonics that pass for lower ones, for a mean, for one there is
+        (swinging(lambda v, t: v + ca.cos(33 * t)), "at most 31"),
+        (swinging(lambda v, t: v + ca.cos(64 * t)), "at most 31"),
+        (swinging(lambda v, t: v + ca.cos(t) + ca.cos(65 * t) / 2), "at most 31"),
+    ],
+)
+def test_what_has_no_average_is_refused(make: Callable[[], Any], message: str):
     with pytest.raises(ArgumentError, match=message):
-        average(make(), period)
+        average(make(), 2 * np.pi)
+
+
+SWINGING, SYMBOL = block(), ca.SX.sym("T")
+
+
+@pytest.mark.parametrize(
+    ("model", "period", "message"),
+    [
+        (SWINGING, 6.0, PERIODIC),
+        (SWINGING, np.pi, PERIODIC),
+        (scheduled(False), 1e-12, PUSH),
+        (scheduled_over(SYMBOL), SYMBOL, PUSH),
+        (SWINGING, 2 * np.pi / SWINGING.x[0].symbol, "expression of param"),
+        *((SWINGING, no, NO_PERIOD) for no in (0.0, ca.SX.sym("T", 2), "long", -7.0, math.inf)),
+    ],
+)
+def test_what_is_no_period_is_refused(model: Model, period: Any, message: str):
+    with pytest.raises(ArgumentError, match=message):
+        average(model, period)
 
 
 @pytest.mark.parametrize(

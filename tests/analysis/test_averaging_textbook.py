@@ -1,21 +1,20 @@
 """Averages of textbook problems and of a block with dry friction, by SymPy and by hand."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
-from averaged_models import COULOMB, EPS, rates_of, smooth
+from averaged_models import EPS, block, rates_of, smooth
 from scipy.optimize import root_scalar
 
 from wormopt.analysis.average import average
 from wormopt.model.friction import Coulomb
-from wormopt.model.model import Contact, Model, Signal, pack
+from wormopt.model.model import Model, Signal, pack
 from wormopt.simulation.simulate import simulate
-
-# -- smooth problems of textbooks -----------------------------------------------------------------
 
 
 class Turning:
@@ -122,15 +121,6 @@ def test_the_second_tongue_of_mathieu_has_its_known_edges():
         assert np.abs(matrix[row, 1 - row]) in (pytest.approx(still), pytest.approx(other))
 
 
-# -- a block with dry friction, by hand -----------------------------------------------------------
-
-
-def pushed_block(push: float) -> Model:
-    t, v, f = (ca.SX.sym(n) for n in ("t", "v", "f"))
-    ground = Contact("block", v + ca.cos(t), f, COULOMB)
-    return Model("block", x=[Signal("v", v)], ode=f + push * ca.sin(t), t=t, contacts=[ground])
-
-
 def block_by_sympy() -> tuple[Any, Any, tuple[Any, ...]]:
     """Mean friction on shifted pieces, differentiated by the shift."""
     t, V, F, B, g, d = sp.symbols("t V F B g d", real=True)
@@ -155,7 +145,7 @@ def block_by_sympy() -> tuple[Any, Any, tuple[Any, ...]]:
 def test_the_pushed_block_against_shifted_pieces():
     first, second, symbols = block_by_sympy()
     push = 0.8 * EPS
-    model = pushed_block(push)
+    model = block(ode=lambda v, t, f: f + push * ca.sin(t))
     one, two = (rates_of(average(model, 2 * np.pi, order=order)) for order in (1, 2))
     for V in (-0.9, -0.3, 0.0, 0.25, 0.7):
         values = dict(zip(symbols, (V, 0.5 * EPS, EPS, push), strict=True))
@@ -180,16 +170,9 @@ def test_errors_of_the_pushed_block_have_the_orders_promised():
     sizes, errors = (0.08, 0.04, 0.02, 0.01), {1: [], 2: []}
     for eps in sizes:
         law, push = Coulomb(0.5 * eps, eps), 0.8 * eps
-        t, v, f = (ca.SX.sym(n) for n in ("t", "v", "f"))
-        x = ca.SX.sym("x")
-        moving = Model(
-            "block",
-            x=[Signal("x", x, value=0.0), Signal("v", v)],
-            ode=ca.vertcat(v, f + push * ca.sin(t)),
-            t=t,
-            contacts=[Contact("block", v + ca.cos(t), f, law)],
-        )
-        slow = Model("block", x=[moving.x[1]], ode=moving.ode[1], t=t, contacts=moving.contacts)
+        slow = block(law, ode=lambda v, t, f, push=push: f + push * ca.sin(t))
+        states = [Signal("x", ca.SX.sym("x"), value=0.0), *slow.x]
+        moving = replace(slow, x=states, ode=ca.vertcat(slow.x[0].symbol, slow.ode))
 
         def over_a_period(V: float, moving: Model = moving) -> np.ndarray:
             return simulate(moving, 2 * np.pi, x0={"v": V}).end

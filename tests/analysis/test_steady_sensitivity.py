@@ -1,5 +1,7 @@
 """Derivatives of steady states: against closed forms, perturbation theory and their limits."""
 
+from collections.abc import Sequence
+
 import casadi as ca
 import hypothesis.strategies as st
 import numpy as np
@@ -9,7 +11,7 @@ from hypothesis import given, settings
 
 from wormopt.analysis.average import average
 from wormopt.analysis.continuation import continue_branch
-from wormopt.analysis.steady import steady_sensitivity, steady_states
+from wormopt.analysis.steady import SteadyState, steady_sensitivity, steady_states
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.model.friction import Viscous
 from wormopt.model.model import Model, Output, Signal
@@ -20,16 +22,18 @@ def linear(n: int) -> Model:
     """x' = A x + b, all numbers parameters."""
     x, A, b = ca.SX.sym("x", n), ca.SX.sym("A", n * n), ca.SX.sym("b", n)
     matrix = ca.reshape(A, n, n)
-    return Model(
-        "linear",
-        x=[Signal("x", x)],
-        ode=matrix @ x + b,
-        p=[Signal("matrix", A, value=0.0), Signal("push", b, value=0.0)],
-        outputs=[Output("power", ca.dot(b, x))],
-    )
+    numbers = [Signal("matrix", A, value=0.0), Signal("push", b, value=0.0)]
+    power = [Output("power", ca.dot(b, x))]
+    return Model("linear", [Signal("x", x)], matrix @ x + b, p=numbers, outputs=power)
 
 
 TWO = linear(2)
+
+
+def steady(matrix: Sequence[float] | np.ndarray, push: Sequence[float]) -> SteadyState:
+    numbers = {"matrix": matrix, "push": push}
+    (state,) = steady_states(TWO, {"x": (-9.0, 9.0)}, p=numbers, starts=5)
+    return state
 
 
 @settings(max_examples=examples(20))
@@ -41,9 +45,7 @@ TWO = linear(2)
 def test_a_linear_system_has_a_closed_form(upper: float, lower: float, push: list[float]):
     """x = -A^-1 b; the eigenvalues of a matrix of two rows by trace and determinant."""
     A = np.array([[-2.0, upper], [lower, -3.0]])
-    given_ = {"matrix": A.T.ravel(), "push": push}
-    (state,) = steady_states(TWO, {"x": (-9.0, 9.0)}, p=given_, starts=5)
-    found = steady_sensitivity(state, ["push", "matrix[0]"])
+    found = steady_sensitivity(steady(A.T.ravel(), push), ["push", "matrix[0]"])
     assert found.directions == ("push[0]", "push[1]", "matrix[0]")
     inverse = np.linalg.inv(A)
     x = -inverse @ push
@@ -71,8 +73,7 @@ def test_the_amplitude_of_a_damped_swing_falls_with_friction_as_theory_says():
 
 
 def test_a_direction_is_the_sum_of_its_parts():
-    given_ = {"matrix": [-2.0, 0.3, 0.1, -1.0], "push": [1.0, 0.5]}
-    (state,) = steady_states(TWO, {"x": (-9.0, 9.0)}, p=given_, starts=5)
+    state = steady([-2.0, 0.3, 0.1, -1.0], [1.0, 0.5])
     parts = steady_sensitivity(state, ["push", "matrix"])
     tied = steady_sensitivity(state, {"all": {"push": 2.0, "matrix": [1.0, 0.0, 0.0, 3.0]}})
     weights = [2.0, 2.0, 1.0, 0.0, 0.0, 3.0]
@@ -99,17 +100,9 @@ def test_along_a_branch_it_is_the_slope_of_the_branch_until_the_fold():
         assert found.eigenvalues[0, 0] == pytest.approx(-6 * place * slope, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "matrix",
-    [
-        pytest.param([-1.0, 0.0, 0.0, -1.0], id="alike"),
-        pytest.param([-1.0, 0.0, 1.0, -1.0], id="Jordan"),
-    ],
-)
-def test_eigenvalues_that_are_not_simple_have_no_derivative(matrix: list[float]):
-    given_ = {"matrix": matrix, "push": [1.0, 1.0]}
-    (state,) = steady_states(TWO, {"x": (-9.0, 9.0)}, p=given_, starts=5)
-    found = steady_sensitivity(state, ["matrix"])
+@pytest.mark.parametrize("corner", [0.0, 1.0])
+def test_eigenvalues_that_are_not_simple_have_no_derivative(corner: float):
+    found = steady_sensitivity(steady([-1.0, 0.0, corner, -1.0], [1.0, 1.0]), ["matrix"])
     assert np.isnan(found.eigenvalues).all()
     assert np.isfinite(found.x).all()
 
@@ -117,12 +110,9 @@ def test_eigenvalues_that_are_not_simple_have_no_derivative(matrix: list[float])
 def test_complex_eigenvalues_turn_with_the_stiffness():
     """x'' + c x' + k x = 0: l = -c/2 +- i w, dl/dk = -+ 1 / (2 i w)."""
     x, c, k = ca.SX.sym("x", 2), ca.SX.sym("c"), ca.SX.sym("k")
-    model = Model(
-        "swing",
-        x=[Signal("x", x)],
-        ode=ca.vertcat(x[1], 1 - k * x[0] - c * x[1]),
-        p=[Signal("damping", c, value=0.4), Signal("stiffness", k, value=4.0)],
-    )
+    rates = ca.vertcat(x[1], 1 - k * x[0] - c * x[1])
+    numbers = [Signal("damping", c, value=0.4), Signal("stiffness", k, value=4.0)]
+    model = Model("swing", [Signal("x", x)], rates, p=numbers)
     (state,) = steady_states(model, {"x": (-3.0, 3.0)})
     found = steady_sensitivity(state)
     w = np.sqrt(4 - 0.04)
@@ -143,7 +133,6 @@ def test_complex_eigenvalues_turn_with_the_stiffness():
     ],
 )
 def test_what_is_no_direction_is_refused(asked, message: str):
-    given_ = {"matrix": [-2.0, 0.3, 0.1, -1.0], "push": [1.0, 0.5]}
-    (state,) = steady_states(TWO, {"x": (-9.0, 9.0)}, p=given_, starts=5)
+    state = steady([-2.0, 0.3, 0.1, -1.0], [1.0, 0.5])
     with pytest.raises((ArgumentError, UnknownNameError), match=message):
         steady_sensitivity(state, asked)

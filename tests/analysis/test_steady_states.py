@@ -1,6 +1,7 @@
 """Steady states in a box and branches of them: against polynomials, closed forms and residuals."""
 
 import math
+from dataclasses import replace
 
 import casadi as ca
 import hypothesis.strategies as st
@@ -10,11 +11,11 @@ from effort import examples
 from hypothesis import given, settings
 
 from wormopt.analysis.average import average
-from wormopt.analysis.continuation import continue_branch
+from wormopt.analysis.continuation import Branch, continue_branch
 from wormopt.analysis.steady import Rates, steady_states
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
-from wormopt.model.model import Contact, Model, Output, Signal
+from wormopt.model.model import Contact, Model, Signal
 from wormopt.systems.pair.slow import averaged_pair, slow_pair, steady_pair
 
 NATURAL = math.sqrt(2)
@@ -29,12 +30,8 @@ def scalar_model(rate, name: str = "r", value: float = 0.0) -> Model:
 def oval() -> Model:
     """Steady states on an ellipse in (x, r): a branch that is closed."""
     x, y, r = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("r")
-    return Model(
-        "oval",
-        x=[Signal("x", x), Signal("y", y)],
-        ode=ca.vertcat(x**2 + 4 * r**2 - 1, x - y),
-        p=[Signal("r", r, value=0.1)],
-    )
+    rates = ca.vertcat(x**2 + 4 * r**2 - 1, x - y)
+    return Model("oval", [Signal("x", x), Signal("y", y)], rates, p=[Signal("r", r, value=0.1)])
 
 
 def pair(law: Law, eps: float, *, detuning: float = 0.5) -> Model:
@@ -44,9 +41,6 @@ def pair(law: Law, eps: float, *, detuning: float = 0.5) -> Model:
 
 
 BOX = {"center_velocity": (-2.0, 2.0), "swing": (-2.0, 2.0)}
-
-
-# -- steady states ---------------------------------------------------------------------------------
 
 
 @settings(max_examples=examples(25))
@@ -118,9 +112,8 @@ def test_boxes_that_cannot_be_are_refused(change, message: str):
 
 def test_states_that_change_no_rate_are_named():
     x = ca.SX.sym("x", 2)
-    cart = Model(
-        "cart", x=[Signal("place", x[0]), Signal("speed", x[1])], ode=ca.vertcat(x[1], -x[1])
-    )
+    signals = [Signal("place", x[0]), Signal("speed", x[1])]
+    cart = Model("cart", x=signals, ode=ca.vertcat(x[1], -x[1]))
     with pytest.raises(ArgumentError, match="place changes no rate"):
         steady_states(cart, {"place": (0.0, 1.0), "speed": (-1.0, 1.0)})
 
@@ -141,16 +134,20 @@ def test_models_that_are_not_autonomous_are_refused():
         Rates(Model("clock", x=[Signal("x", x)], ode=ca.cos(t) - x, t=t))
 
 
-# -- branches --------------------------------------------------------------------------------------
-
-
-def test_a_branch_goes_around_both_folds_of_a_cusp():
+@pytest.fixture(scope="module")
+def cusp() -> Branch:
+    """Branch of x' = r + x - x^3."""
     model = scalar_model(lambda x, r: r + x - x**3, value=-2.0)
     (start,) = steady_states(model, {"x": (-3.0, 3.0)})
-    branch = continue_branch(start, "r", (-2.0, 2.0))
-    assert [f.parameter for f in branch.folds] == pytest.approx(
-        [2 / 27**0.5, -2 / 27**0.5], abs=1e-12
-    )
+    return continue_branch(start, "r", (-2.0, 2.0))
+
+
+FOLD = 2 / 27**0.5
+
+
+def test_a_branch_goes_around_both_folds_of_a_cusp(cusp: Branch):
+    branch = cusp
+    assert [f.parameter for f in branch.folds] == pytest.approx([FOLD, -FOLD], abs=1e-12)
     assert [f.x[0] for f in branch.folds] == pytest.approx([-(3**-0.5), 3**-0.5], abs=1e-6)
     assert branch.ends == ("range", "range")
     assert branch.parameter + branch.x[:, 0] - branch.x[:, 0] ** 3 == pytest.approx(0.0, abs=1e-10)
@@ -160,26 +157,15 @@ def test_a_branch_goes_around_both_folds_of_a_cusp():
     assert np.array_equal(branch.stable[clear], size[clear] > 0)
 
 
-def test_a_branch_is_sampled_where_it_is_asked_for():
-    model = scalar_model(lambda x, r: r + x - x**3, value=-2.0)
-    (start,) = steady_states(model, {"x": (-3.0, 3.0)})
-    branch = continue_branch(start, "r", (-2.0, 2.0))
-    grid = np.linspace(-2.0, 2.0, 41)
-    sampled = branch.at(grid)
+def test_a_branch_is_sampled_where_it_is_asked_for(cusp: Branch):
+    """Near a fold too, where both sheets are found."""
+    grid = np.append(np.linspace(-2.0, 2.0, 41), FOLD - 1e-3)
+    sampled = cusp.at(grid)
     for value in grid:
         roots = np.roots([-1.0, 0.0, 1.0, value])
         expected = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
         found = np.sort(sampled.x[sampled.parameter == value, 0])
         assert found == pytest.approx(expected, abs=1e-9)
-
-
-def test_near_a_fold_both_sheets_are_found():
-    model = scalar_model(lambda x, r: r + x - x**3, value=-2.0)
-    (start,) = steady_states(model, {"x": (-3.0, 3.0)})
-    near = 2 / 27**0.5 - 1e-3
-    found = continue_branch(start, "r", (-2.0, 2.0)).at(near)
-    expected = np.sort(np.roots([-1.0, 0.0, 1.0, near]).real)
-    assert np.sort(found.x[:, 0]) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.4, 0.75, 1.0])
@@ -267,13 +253,8 @@ def test_friction_that_falls_with_velocity_folds_the_resonance():
     ],
 )
 def test_branches_that_cannot_be_followed_are_refused(parameter: str, span, message: str):
-    x, r, many = ca.SX.sym("x"), ca.SX.sym("r"), ca.SX.sym("many", 2)
-    model = Model(
-        "one",
-        x=[Signal("x", x)],
-        ode=r - x,
-        p=[Signal("r", r, value=0.5), Signal("many", many, value=0.0)],
-    )
+    model = scalar_model(lambda x, r: r - x, value=0.5)
+    model = replace(model, p=[*model.p, Signal("many", ca.SX.sym("many", 2), value=0.0)])
     (start,) = steady_states(model, {"x": (0.0, 1.0)})
     with pytest.raises((ArgumentError, UnknownNameError), match=message):
         continue_branch(start, parameter, span)
@@ -282,8 +263,6 @@ def test_branches_that_cannot_be_followed_are_refused(parameter: str, span, mess
 def test_contacts_are_averaged_first():
     x, force = ca.SX.sym("x"), ca.SX.sym("f")
     ground = Contact("block", x, force, Coulomb(1.0, 2.0))
-    block = Model(
-        "block", x=[Signal("x", x)], ode=force, contacts=[ground], outputs=[Output("x2", x**2)]
-    )
+    block = Model("block", x=[Signal("x", x)], ode=force, contacts=[ground])
     with pytest.raises(ArgumentError, match="average it first"):
         steady_states(block, {"x": (0.0, 1.0)})

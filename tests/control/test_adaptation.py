@@ -13,14 +13,8 @@ from hypothesis import strategies as st
 from loop_runs import Run
 from worms import point, worm
 
-from wormopt.control.funnel import Funnel, funnel_tracker
-from wormopt.control.lambda_tracker import (
-    Adaptation,
-    Decay,
-    Exponent,
-    Quadratic,
-    lambda_tracker,
-)
+from wormopt.control.funnel import Funnel, FunnelLaw, funnel_tracker
+from wormopt.control.lambda_tracker import Adaptation, Decay, Exponent, Quadratic, lambda_tracker
 from wormopt.control.loop import FeedForward, gait_reference
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal
@@ -38,13 +32,8 @@ def puppet(law: Adaptation, pieces: Sequence[tuple[float, float]], **options: An
     """
     q, v, u = ca.SX.sym("q"), ca.SX.sym("v"), ca.SX.sym("u")
     x = [Signal("position", q, value=0.0), Signal("velocity", v, value=0.0)]
-    plant = Model(
-        "puppet",
-        x,
-        ca.vertcat(v, 0 * u),
-        u=[Signal("input", u)],
-        outputs=[Output("length", q)],
-    )
+    outputs = [Output("length", q)]
+    plant = Model("puppet", x, ca.vertcat(v, 0 * u), u=[Signal("input", u)], outputs=outputs)
     t, e = np.array(pieces).T
     polynomial = np.stack([-e[:-1], -np.diff(e) / np.diff(t)], axis=1)[:, None, :]
     reference = gait_reference(Gait(t, polynomial), plant.t)
@@ -192,36 +181,38 @@ def test_the_funnel_controller_keeps_both_errors_in_their_funnels():
     assert run["error_norm"][-1] < 0.1
 
 
+@pytest.mark.parametrize("law", ["recursive", "two gains"])
 @settings(max_examples=examples(20))
 @given(seed=st.integers(0, 10**6))
-def test_the_force_of_the_funnel_controller_at_a_point(seed: int):
-    """k_0 = 1/(1 - |e|^2/psi_0^2), e_1 = e' + k_0 e, k_1 likewise, u = -gain k_1 e_1."""
+def test_the_force_of_the_funnel_controller_at_a_point(law: FunnelLaw, seed: int):
+    """k_0 = 1/(1 - |e|^2/psi_0^2), e_1 = e' + k_0 e, k_1 likewise, u = -gain k_1 e_1.
+
+    With two gains k_0 = 1/(1 - |e|/psi_0), k_1 likewise of e', u = -gain (k_0^2 e + k_1 e').
+    """
     random = np.random.default_rng(seed)
     plant = worm()
-    gait = Gait(np.array([0.0, 1.0]), np.array([[[2.0, 0.0], [2.0, 0.0]]]))
     loop = funnel_tracker(
-        plant,
-        gait_reference(gait, plant.t),
-        funnel=Funnel(2.0, 0.5, time=2.0),
-        rate_funnel=Funnel(9.0, 3.0, time=1.0),
-        gain=3.0,
-        feedforward=FeedForward(10.0, 1.5),
-    )
-    e, e_rate = random.uniform(-0.5, 0.5, 2), random.uniform(-1, 1, 2)
-    x = {
-        "position": [4 + e.sum(), 2 + e[1], 0.0],
-        "velocity": [e_rate.sum(), e_rate[1], 0.0],
-    }
-    at = point(loop, x, [np.full(2, 2.0), np.zeros(2)])
+        plant, gait_reference(Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.0)), plant.t),
+        funnel=Funnel(2.0, 0.5, time=2.0), rate_funnel=Funnel(9.0, 3.0, time=1.0), law=law,
+        gain=3.0, feedforward=FeedForward(10.0, 1.5),
+    )  # fmt: skip
+    e, rate = random.uniform(-0.5, 0.5, 2), random.uniform(-1, 1, 2)
+    x = {"position": [4 + e.sum(), 2 + e[1], 0.0], "velocity": [rate.sum(), rate[1], 0.0]}
+    at = point(loop, x, [np.full(2, 2.0)])
     width, rate_width = 0.5 + 1.5 * np.exp(-0.2), 3 + 6 * np.exp(-0.4)
-    k0 = 1 / (1 - (e @ e) / width**2)
-    e1 = e_rate + k0 * e
-    k1 = 1 / (1 - (e1 @ e1) / rate_width**2)
-    assert at["input"] == pytest.approx(-3 * k1 * e1 + 10 * 0.5)
+    if law == "recursive":
+        k0 = 1 / (1 - (e @ e) / width**2)
+        inner = rate + k0 * e
+        k1 = 1 / (1 - (inner @ inner) / rate_width**2)
+        u = -3 * k1 * inner
+    else:
+        inner = rate
+        k0, k1 = 1 / (1 - np.hypot(*e) / width), 1 / (1 - np.hypot(*rate) / rate_width)
+        u = -3 * (k0**2 * e + k1 * rate)
+    assert at["input"] == pytest.approx(u + 10 * 0.5, rel=1e-9)
     assert at["funnel_gain"] == pytest.approx([k0, k1])
-    assert at["funnel"][0] == pytest.approx(width)
-    assert at["rate_funnel"][0] == pytest.approx(rate_width)
-    assert at["rate_error_norm"][0] == pytest.approx(np.sqrt(e1 @ e1))
+    assert (at["funnel"][0], at["rate_funnel"][0]) == pytest.approx((width, rate_width))
+    assert at["rate_error_norm"][0] == pytest.approx(np.hypot(*inner))
 
 
 def test_a_start_outside_a_funnel_is_refused_with_its_numbers():
@@ -235,12 +226,8 @@ def test_a_start_outside_a_funnel_is_refused_with_its_numbers():
         funnel_tracker(plant, reference, funnel=Funnel(0.5, 0.1, time=1.0), rate_funnel=wide)
     e1 = np.array([0.9, 0.0]) + np.array([0.3, 0.4]) / 0.75
     start = f"{np.sqrt(e1 @ e1):.6g}"
+    funnel = Funnel(1.0, 0.1, time=1.0)
     with pytest.raises(ValueError, match=rf"e' \+ k_0 e starts at {start}, outside .* of 1.4"):
-        funnel_tracker(
-            plant,
-            reference,
-            funnel=Funnel(1.0, 0.1, time=1.0),
-            rate_funnel=Funnel(1.4, 0.1, time=1.0),
-        )
+        funnel_tracker(plant, reference, funnel=funnel, rate_funnel=Funnel(1.4, 0.1, time=1.0))
     unknown = replace(plant, x=[replace(s, value=None) for s in plant.x])
     funnel_tracker(unknown, reference, funnel=Funnel(0.5, 0.1, time=1.0), rate_funnel=wide)

@@ -19,7 +19,6 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.simulation.options import Route, Smooth
 from wormopt.simulation.simulate import simulate
-from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.build import chain
 
 
@@ -27,36 +26,31 @@ def difference(plant: Model, lag: float, **more: Any) -> Model:
     return lambda_tracker(plant, following(plant), feedback="difference", lag=lag, **more)
 
 
-def on_dry_ground() -> Model:
-    return worm(position=(4.15, 2.05, 0.0), law=Coulomb(1.0, 2.0))
-
-
-def compare_on_dry_ground(lag: float, stretches: int, route: Route = "auto") -> Trajectory:
-    growth = Quadratic(100.0)
+@pytest.mark.parametrize(
+    ("lag", "stretches", "route"),
+    [
+        (0.2, 4, "native"),
+        (0.1, 6, "native"),
+        *(
+            pytest.param(*case, route, marks=pytest.mark.slow)
+            for case in ((0.05, 16), (0.1, 14), (0.25, 9))
+            for route in ("native", "python")
+        ),
+    ],
+)
+def test_a_delayed_difference_on_dry_ground_against_all_stretches_at_once(
+    lag: float, stretches: int, route: Route
+):
+    """Sticking masses included; the oracle neither interpolates nor shares any code."""
+    plant, growth = worm(position=(4.15, 2.05, 0.0), law=Coulomb(1.0, 2.0)), Quadratic(100.0)
     # with crossings of the tube as events: there k' has a kink, over which the oracle steps
-    loop = difference(on_dry_ground(), lag, tube_radius=0.05, adaptation=growth, watch=True)
+    loop = difference(plant, lag, tube_radius=0.05, adaptation=growth, watch=True)
     motion = simulate(loop, stretches * lag, route=route)
     by_hand = DelayedTracker(lag, 100.0, 0.05, (-1, 2))
     end, events = by_hand.run([4.15, 2.05, 0, 0, 0, 0, 1.0], stretches)
     assert motion.end == pytest.approx(end, abs=1e-8)
     assert sum(event.kind != "switch" for event in motion.events) == events
-    return motion
-
-
-@pytest.mark.parametrize(("lag", "stretches"), [(0.2, 4), (0.1, 6)])
-def test_a_delayed_difference_on_dry_ground_against_all_stretches_at_once(
-    lag: float, stretches: int
-):
-    """Sticking masses included; the oracle neither interpolates nor shares any code."""
-    motion = compare_on_dry_ground(lag, stretches)
     assert {event.kind for event in motion.events} & {"stick", "release"}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("route", ["native", "python"])
-@pytest.mark.parametrize(("lag", "stretches"), [(0.05, 16), (0.1, 14), (0.25, 9)])
-def test_longer_motions_of_a_delayed_difference(lag: float, stretches: int, route: Route):
-    compare_on_dry_ground(lag, stretches, route)
 
 
 def lagging_chain(numbers: dict[str, Any], lag: float, gamma: float, lam: float) -> Any:
@@ -158,12 +152,7 @@ def test_a_difference_does_not_bear_every_gain(lag: float):
     ends = []
     for share in (0.97, 1.03):
         loop = lambda_tracker(
-            plant,
-            still,
-            tube_radius=1.0,
-            feedback="difference",
-            lag=lag,
-            gain_start=share * border,
+            plant, still, tube_radius=1.0, feedback="difference", lag=lag, gain_start=share * border
         )
         t = np.linspace(0, 60 * lag, 1201)
         size = simulate(loop, t[-1], times=t, tolerance=LOOSE)["error_norm"][0]

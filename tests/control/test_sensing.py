@@ -123,9 +123,8 @@ def test_noise_passes_its_samples_with_a_continuous_rate(
     assert noise.links == entries
     assert len(noise.breaks) == count + 1
     normal = np.random.default_rng(7).standard_normal((count + 1, entries))
-    np.testing.assert_allclose(
-        noise.polynomial[:, :, 0], deviation * normal[:-1], atol=1e-12 * deviation
-    )
+    atol = 1e-12 * deviation
+    np.testing.assert_allclose(noise.polynomial[:, :, 0], deviation * normal[:-1], atol=atol)
     c = noise.polynomial
     end = sum(k * c[:-1, :, k] * interval ** (k - 1) for k in range(1, c.shape[2]))
     size = deviation / interval

@@ -1,6 +1,7 @@
 """Models whose output and input have names of their own are tracked like any other."""
 
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,33 +27,21 @@ def wheel() -> wo.Model:
         wo.Signal("phi", phi, "angle", value=0.0),
         wo.Signal("spin", spin, "angular_frequency", value=0.0),
     ]
-    return wo.Model(
-        "wheel",
-        states,
-        ca.vertcat(spin, (torque - C * phi - D * spin) / J),
-        u=[wo.Signal("volt", volt, value=0.0), wo.Signal("torque", torque)],
-        outputs=[wo.Output("tip", 3 * phi, "length"), wo.Output("glow", volt)],
-    )
+    ode = ca.vertcat(spin, (torque - C * phi - D * spin) / J)
+    inputs = [wo.Signal("volt", volt, value=0.0), wo.Signal("torque", torque)]
+    outputs = [wo.Output("tip", 3 * phi, "length"), wo.Output("glow", volt)]
+    return wo.Model("wheel", states, ode, u=inputs, outputs=outputs)
 
 
+NAMES = {"output": "phi", "input": "torque"}
+TUBE: Any = {"tube_radius": 0.05, "adaptation": Quadratic(1e4)}
+FUNNELS = {"funnel": WIDE, "rate_funnel": WIDE}
 Close = Callable[[wo.Model, Reference], wo.Model]
 LOOPS: dict[str, Close] = {
-    "lambda": lambda plant, aim: lambda_tracker(
-        plant, aim, tube_radius=0.05, adaptation=Quadratic(1e4), output="phi", input="torque"
-    ),
-    "filter": lambda plant, aim: lambda_tracker(
-        plant,
-        aim,
-        tube_radius=0.05,
-        adaptation=Quadratic(1e4),
-        feedback="filter",
-        output="phi",
-        input="torque",
-    ),
-    "funnel": lambda plant, aim: funnel_tracker(
-        plant, aim, funnel=WIDE, rate_funnel=WIDE, output="phi", input="torque"
-    ),
-    "lqr": lambda plant, aim: lqr(plant, aim, error_weight=9.0, output="phi", input="torque"),
+    "lambda": lambda plant, aim: lambda_tracker(plant, aim, **TUBE, **NAMES),
+    "filter": lambda plant, aim: lambda_tracker(plant, aim, feedback="filter", **TUBE, **NAMES),
+    "funnel": lambda plant, aim: funnel_tracker(plant, aim, **FUNNELS, **NAMES),
+    "lqr": lambda plant, aim: lqr(plant, aim, error_weight=9.0, **NAMES),
 }
 
 
@@ -76,9 +65,7 @@ def test_a_wheel_is_turned_to_where_it_shall_be(name: str):
 def test_lqr_has_the_gains_of_its_closed_form():
     """J e'' + D e' + C e = v: K_0 = -C + sqrt(C^2 + q), K_1 = -D + sqrt(D^2 + 2 J K_0)."""
     plant = wheel()
-    loop = lqr(
-        plant, gait_reference(STILL, plant.t), error_weight=9.0, output="phi", input="torque"
-    )
+    loop = LOOPS["lqr"](plant, gait_reference(STILL, plant.t))
     k0 = -C + (C**2 + 9.0) ** 0.5
     k1 = -D + (D**2 + 2 * J * k0) ** 0.5
     found = {signal.name: signal.value for signal in loop.p if signal.name.endswith("gain")}
@@ -111,7 +98,7 @@ def test_names_that_are_not_there_are_told(
     plant = wheel()
     needed = {
         lambda_tracker: {"tube_radius": 0.1},
-        funnel_tracker: {"funnel": WIDE, "rate_funnel": WIDE},
+        funnel_tracker: FUNNELS,
         lqr: {"error_weight": 1.0},
     }[close]
     with pytest.raises(ArgumentError, match=said):

@@ -19,6 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from hints import Capture, Patch
 
 from wormopt import progress
 from wormopt.__main__ import start
@@ -72,7 +73,7 @@ def never(scene: Scene[Any], report: Report) -> Result:
 
 
 @pytest.fixture(autouse=True)
-def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
+def study(tmp_path: Path, monkeypatch: Patch) -> Install:
     """Stand-ins for the study of kind "gait" and for the drawing, in an empty folder."""
     monkeypatch.chdir(tmp_path)
     plot = ModuleType("wormopt.pictures")
@@ -99,7 +100,7 @@ def speed_in(folder: Path) -> float:
     return summary["scalars"]["speed"]["value"]
 
 
-def test_run_writes_numbers_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_run_writes_numbers_and_pictures(tmp_path: Path, capsys: Capture):
     assert main(["run", "fast_gait"]) == 0
     folder = tmp_path / "results" / "fast_gait"
     assert names(folder) == NUMBERS | PICTURES
@@ -115,7 +116,7 @@ def test_run_writes_numbers_and_pictures(tmp_path: Path, capsys: pytest.CaptureF
     assert summary["title"] == "Fast gait (15) of a three-mass worm"
 
 
-def test_json_prints_one_object_and_no_nan(capsys: pytest.CaptureFixture[str]):
+def test_json_prints_one_object_and_no_nan(capsys: Capture):
     assert main(["run", "fast_gait", "--json"]) == 0
     out, _ = capsys.readouterr()
     printed = json.loads(out)
@@ -152,51 +153,28 @@ def test_a_rerun_replaces_its_own_files_and_keeps_others(tmp_path: Path):
     assert speed_in(folder) == 3.0
 
 
-def make_file(path: Path) -> None:
-    path.write_text("mine")
+def run_to(path: Path, *more: str) -> None:
+    main(["run", "fast_gait", "-o", str(path), *more])
 
 
-def make_foreign_folder(path: Path) -> None:
-    path.mkdir()
-    (path / "notes.txt").write_text("mine")
+def put(path: Path, text: str = "mine") -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text)
 
 
-def make_other_result(path: Path) -> None:
-    main(["run", "uphill_gait", "-o", str(path)])
-
-
-def make_foreign_summary(path: Path) -> None:
-    path.mkdir()
-    (path / "summary.json").write_text('{"scene": "fast_gait"}')
-
-
-def make_broken_summary(path: Path) -> None:
-    path.mkdir()
-    (path / "summary.json").write_text('[["scene"')
-
-
-def make_result_with_own_picture(path: Path) -> None:
-    main(["run", "fast_gait", "--no-plots", "-o", str(path)])
-    (path / "gait.png").write_text("mine")
-
-
-def make_changed_result(path: Path) -> None:
-    main(["run", "fast_gait", "-o", str(path)])
-    (path / "gait.png").write_text("with remarks of mine")
-
-
-def make_sweep(path: Path) -> None:
-    main(["sweep", "fast_gait", "--over", "worm.load=[2]", "--engine", "serial", "-o", str(path)])
-
-
-FOREIGN = [
-    make_file,
-    make_foreign_summary,
-    make_broken_summary,
-    make_result_with_own_picture,
-    make_changed_result,
-]
-OBSTACLES = [*FOREIGN, make_foreign_folder, make_other_result, make_sweep]
+OVER = ["--over", "worm.load=[2]", "--engine", "serial", "-o"]
+FOREIGN: dict[str, Callable[[Path], object]] = {
+    "file": put,
+    "foreign summary": lambda path: put(path / "summary.json", '{"scene": "fast_gait"}'),
+    "broken summary": lambda path: put(path / "summary.json", '[["scene"'),
+    "own picture": lambda path: (run_to(path, "--no-plots"), put(path / "gait.png")),
+    "changed result": lambda path: (run_to(path), put(path / "gait.png", "with remarks of mine")),
+}
+FORCED: dict[str, Callable[[Path], object]] = {
+    "foreign folder": lambda path: put(path / "notes.txt"),
+    "other result": lambda path: main(["run", "uphill_gait", "-o", str(path)]),
+    "sweep": lambda path: main(["sweep", "fast_gait", *OVER, str(path)]),
+}
 
 
 def contents(path: Path) -> dict[str, bytes]:
@@ -204,12 +182,13 @@ def contents(path: Path) -> dict[str, bytes]:
     return {str(file): file.read_bytes() for file in files if file.is_file()}
 
 
-@pytest.mark.parametrize("make", OBSTACLES)
+@pytest.mark.parametrize("there", [*FOREIGN, *FORCED])
 def test_what_is_in_the_way_is_refused_before_the_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install, make: Callable[[Path], None]
+    tmp_path: Path, capsys: Capture, study: Install, there: str
 ):
+    """And what is no result of ours is never replaced."""
     path = tmp_path / "out"
-    make(path)
+    (FOREIGN | FORCED)[there](path)
     capsys.readouterr()
     before = contents(path)
     study(never)
@@ -217,32 +196,20 @@ def test_what_is_in_the_way_is_refused_before_the_work(
     out, err = capsys.readouterr()
     assert out == ""
     assert str(path) in err
-    assert ("--force" in err) == (make not in FOREIGN)
+    assert ("--force" in err) == (there in FORCED)
+    assert there in FORCED or main(["run", "fast_gait", "-o", str(path), "--force"]) == 2
     assert contents(path) == before
     assert names(tmp_path) == {"out"}
 
 
-@pytest.mark.parametrize("make", FOREIGN)
-def test_what_is_no_result_of_ours_is_never_replaced(
-    tmp_path: Path, study: Install, make: Callable[[Path], None]
-):
+@pytest.mark.parametrize("there", FORCED)
+def test_force_replaces_results_and_keeps_other_files(tmp_path: Path, there: str):
     path = tmp_path / "out"
-    make(path)
-    before = contents(path)
-    study(never)
-    assert main(["run", "fast_gait", "-o", str(path), "--force"]) == 2
-    assert contents(path) == before
-
-
-@pytest.mark.parametrize("make", [make_foreign_folder, make_other_result, make_sweep])
-def test_force_replaces_results_and_keeps_other_files(tmp_path: Path, make: Callable[[Path], None]):
-    path = tmp_path / "out"
-    make(path)
-    assert main(["run", "fast_gait", "-o", str(path), "--force"]) == 0
+    FORCED[there](path)
+    run_to(path, "--force")
     assert speed_in(path) == 2.0
     assert names(path) - {"notes.txt", "points"} == NUMBERS | PICTURES
-    if make is make_foreign_folder:
-        assert (path / "notes.txt").read_text() == "mine"
+    assert there != "foreign folder" or (path / "notes.txt").read_text() == "mine"
 
 
 def test_trials_with_other_keys_have_folders_of_their_own(tmp_path: Path):
@@ -256,7 +223,7 @@ def test_trials_with_other_keys_have_folders_of_their_own(tmp_path: Path):
 
 
 def test_what_appears_while_a_scene_runs_is_kept_and_so_is_the_result(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install
+    tmp_path: Path, capsys: Capture, study: Install
 ):
     def meanwhile(scene: Scene, report: Report) -> Result:
         (tmp_path / "out").mkdir()
@@ -272,7 +239,7 @@ def test_what_appears_while_a_scene_runs_is_kept_and_so_is_the_result(
 
 
 def test_what_another_program_holds_open_on_windows_is_refused_and_costs_no_result(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install, monkeypatch
+    tmp_path: Path, capsys: Capture, study: Install, monkeypatch
 ):
     assert main(["run", "fast_gait", "-o", "out"]) == 0
     before, replace = (tmp_path / "out" / "result.nc").read_bytes(), Path.replace
@@ -349,7 +316,7 @@ def test_nothing_is_removed_that_wormopt_cannot_have_written(tmp_path: Path):
 
 
 def test_a_folder_where_a_file_must_go_is_refused_even_by_force(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install
+    tmp_path: Path, capsys: Capture, study: Install
 ):
     (tmp_path / "out" / "result.nc").mkdir(parents=True)
     study(never)
@@ -359,7 +326,7 @@ def test_a_folder_where_a_file_must_go_is_refused_even_by_force(
 
 @pytest.mark.parametrize("output", ["file/out", "file/deeper/out", "loop", "a\0b", "x" * 300])
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install, output: str
+    tmp_path: Path, capsys: Capture, study: Install, output: str
 ):
     (tmp_path / "file").write_text("")
     (tmp_path / "loop").symlink_to("loop")
@@ -381,28 +348,16 @@ def test_a_link_to_a_folder_is_followed(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("error", "code", "reason"),
-    [
-        (
-            SolveError("no gait keeps gait.spike_load", "allow 15"),
-            3,
-            "keeps gait.spike_load; allow",
-        ),
-        (Interrupted(), 130, "interrupted"),
-    ],
-)
-@pytest.mark.parametrize("partial", ["result", "motion", "nothing"])
+    [(SolveError("no gait keeps it", "allow 15"), 3, "keeps it; allow"),
+     (Interrupted(), 130, "interrupted")],
+)  # fmt: skip
+@pytest.mark.parametrize("kept", ["result", "motion", "nothing"])
 def test_what_was_found_before_a_failure_is_saved(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    study: Install,
-    error: Any,
-    code: int,
-    reason: str,
-    partial: str,
+    tmp_path: Path, capsys: Capture, study: Install, error: Any, code: int, reason: str, kept: str
 ):
     def stop(scene: Scene[Any], report: Report) -> Result:
         # a study that was stopped while it simulated hands on a motion, which is no Result
-        error.partial = {"result": found(scene), "motion": object(), "nothing": None}[partial]
+        error.partial = {"result": found(scene), "motion": object(), "nothing": None}[kept]
         raise error
 
     study(stop)
@@ -414,30 +369,22 @@ def test_what_was_found_before_a_failure_is_saved(
     assert reason in err
     loaded = Result.load(tmp_path / "results" / "fast_gait")
     assert (loaded.status, loaded.reason) == ("failed", printed["reason"])
-    assert ("speed" in loaded.scalars) == (partial == "result")
+    assert ("speed" in loaded.scalars) == (kept == "result")
 
 
-def test_a_result_that_is_not_trusted_ends_with_three(
-    capsys: pytest.CaptureFixture[str], study: Install
+def test_a_failed_run_ends_with_three_and_may_be_run_again(
+    tmp_path: Path, capsys: Capture, study: Install
 ):
     study(lambda scene, report: found(scene, status="failed", reason="recheck off by 1e-3"))
     assert main(["run", "fast_gait"]) == 3
     assert "failed: recheck off by 1e-3" in capsys.readouterr().err
-
-
-def test_a_failed_run_may_be_run_again(tmp_path: Path, study: Install):
-    study(lambda scene, report: found(scene, status="failed", reason="no"))
-    assert main(["run", "fast_gait"]) == 3
     study(solve)
     assert main(["run", "fast_gait"]) == 0
     assert Result.load(tmp_path / "results" / "fast_gait").status == "ok"
 
 
 def test_a_picture_without_data_is_left_out_of_a_failed_result(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    study: Install,
+    tmp_path: Path, capsys: Capture, monkeypatch: Patch, study: Install
 ):
     def draw(result: Result, name: str, path: Path) -> None:
         result["spike_load"]
@@ -450,7 +397,7 @@ def test_a_picture_without_data_is_left_out_of_a_failed_result(
 
 
 def test_a_drawing_that_breaks_costs_no_numbers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: Patch, capsys: Capture
 ):
     def draw(result: Result, name: str, path: Path) -> None:
         raise ZeroDivisionError("no width")
@@ -461,9 +408,7 @@ def test_a_drawing_that_breaks_costs_no_numbers(
     assert speed_in(tmp_path / "results" / "fast_gait") == 2.0
 
 
-def test_ctrl_c_without_anything_to_keep(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install
-):
+def test_ctrl_c_without_anything_to_keep(tmp_path: Path, capsys: Capture, study: Install):
     def stop(scene: Scene[Any], report: Report) -> Result:
         raise KeyboardInterrupt
 
@@ -473,7 +418,7 @@ def test_ctrl_c_without_anything_to_keep(
     assert not names(tmp_path / "results")
 
 
-def test_an_import_swallows_no_interrupt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_import_swallows_no_interrupt(tmp_path: Path, monkeypatch: Patch):
     (tmp_path / "swallows.py").write_text(SWALLOWS)
     monkeypatch.syspath_prepend(tmp_path)
 
@@ -499,7 +444,7 @@ def test_casadi_swallows_no_interrupt():
             compute(ca.SX.sym("x"), press)
 
 
-def test_casadi_says_nothing_of_an_interrupt(capsys: pytest.CaptureFixture[str]):
+def test_casadi_says_nothing_of_an_interrupt(capsys: Capture):
     """Its integrators would write `rhs failed: KeyboardInterrupt`."""
     x, t = ca.SX.sym("x", 40), ca.SX.sym("t")
     dae = {"x": x, "t": t, "ode": 1e3 * (ca.sin(1e3 * t) - x)}
@@ -518,9 +463,7 @@ def test_casadi_says_nothing_of_an_interrupt(capsys: pytest.CaptureFixture[str])
     assert capsys.readouterr().err == "still heard\n"
 
 
-def test_bad_input_that_only_the_study_sees(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install
-):
+def test_bad_input_that_only_the_study_sees(tmp_path: Path, capsys: Capture, study: Install):
     def refuse(scene: Scene[Any], report: Report) -> Result:
         raise SceneError("scene.toml", [("gait.file", "has 3 columns; write 4")])
 
@@ -530,9 +473,7 @@ def test_bad_input_that_only_the_study_sees(
     assert not names(tmp_path / "results")
 
 
-def test_a_disk_that_fills_up_is_reported(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_disk_that_fills_up_is_reported(capsys: Capture, monkeypatch: Patch):
     def save(self: Result, folder: Path, pictures: tuple[str, ...]) -> None:
         raise OSError(28, "No space left on device")
 
@@ -541,7 +482,7 @@ def test_a_disk_that_fills_up_is_reported(
     assert "No space left" in capsys.readouterr().err
 
 
-def test_a_scene_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_scene_of_ones_own(tmp_path: Path, capsys: Capture):
     from wormopt.study import packaged_scenes
 
     path = tmp_path / "mein λ.toml"
@@ -553,7 +494,7 @@ def test_a_scene_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert (loaded.scene, loaded.title) == ("mein λ", "Größe λ — 1")
 
 
-def test_list_names_scenes_and_kinds(capsys: pytest.CaptureFixture[str]):
+def test_list_names_scenes_and_kinds(capsys: Capture):
     assert main(["list"]) == 0
     out, _ = capsys.readouterr()
     assert "design_fast_gait" in out
@@ -562,7 +503,7 @@ def test_list_names_scenes_and_kinds(capsys: pytest.CaptureFixture[str]):
         assert kind in out
 
 
-def test_check_looks_at_every_scene(capsys: pytest.CaptureFixture[str]):
+def test_check_looks_at_every_scene(capsys: Capture):
     assert main(["check", "no_such", "fast_gait"]) == 2
     out, err = capsys.readouterr()
     assert out == "fast_gait: ok (gait)\n"
@@ -571,16 +512,7 @@ def test_check_looks_at_every_scene(capsys: pytest.CaptureFixture[str]):
     assert "worm.load" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "fast_gait", "--jso"]])
-def test_wrong_usage_ends_with_two(arguments: list[str]):
-    with pytest.raises(SystemExit) as caught:
-        main(arguments)
-    assert caught.value.code == 2
-
-
-def test_progress_is_drawn_on_a_terminal(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_progress_is_drawn_on_a_terminal(capsys: Capture, monkeypatch: Patch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     assert main(["run", "fast_gait", "--json"]) == 0
     json.loads(capsys.readouterr().out)
@@ -589,7 +521,7 @@ def test_progress_is_drawn_on_a_terminal(
 
 
 def test_long_runs_say_a_line_now_and_then_without_a_terminal(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, study: Install
+    capsys: Capture, monkeypatch: Patch, study: Install
 ):
     clock = iter([0.0, *np.arange(1.0, 101.0)])
     monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
@@ -609,9 +541,7 @@ def test_long_runs_say_a_line_now_and_then_without_a_terminal(
     assert capsys.readouterr().err == ""
 
 
-def test_the_report_is_readable(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, study: Install
-):
+def test_the_report_is_readable(capsys: Capture, monkeypatch: Patch, study: Install):
     monkeypatch.setenv("COLUMNS", "60")
     routes = [{"route": "cvodes", "error": 1.0e-9}, {"route": "python", "error": None}]
     ends = [[1 / 3, 2 / 3, 1.0], [0.25, 0.5, 0.75]]
@@ -633,7 +563,7 @@ def test_the_report_is_readable(
     ]
 
 
-def test_libraries_of_linear_algebra_take_one_thread_unless_told(monkeypatch: pytest.MonkeyPatch):
+def test_libraries_of_linear_algebra_take_one_thread_unless_told(monkeypatch: Patch):
     names = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     monkeypatch.setattr("wormopt.cli.main", lambda: 7)
     for name in (*names, "OMP_NUM_THREADS"):
@@ -651,6 +581,9 @@ def test_libraries_of_linear_algebra_take_one_thread_unless_told(monkeypatch: py
 @pytest.mark.parametrize(
     ("words", "told"),
     [
+        ("", "usage: "),
+        ("walk", "invalid choice"),
+        ("run", "required: "),
         ("sweep fast_gait worm.load=1,2,3", "write --over 'worm.load=[1,2,3]'"),
         ("sweep fast_gait worm.load=1:2:3", "write --over 'worm.load=1:2:3'"),
         ("run fast_gait worm.load=1", "write --set 'worm.load=1'"),
@@ -658,7 +591,7 @@ def test_libraries_of_linear_algebra_take_one_thread_unless_told(monkeypatch: py
         ("list worm.load=1 --jso", "unrecognized arguments: --jso\n"),
     ],
 )
-def test_words_that_no_command_takes(words: str, told: str, capsys: pytest.CaptureFixture[str]):
+def test_wrong_usage_ends_with_two(words: str, told: str, capsys: Capture):
     with pytest.raises(SystemExit) as ended:
         main(words.split())
     assert ended.value.code == 2

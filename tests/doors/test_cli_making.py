@@ -11,6 +11,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from hints import Capture, Folders, Patch
 
 import wormopt as wo
 from wormopt.cli import main
@@ -64,7 +65,7 @@ def test_a_new_scene_is_right_and_says_all(kind: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("kind", ["gait", "stepper", "film-flow", "material", "slide"])
-def test_a_new_scene_runs(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_new_scene_runs(kind: str, tmp_path: Path, capsys: Capture):
     path = made(kind, tmp_path)
     assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-plots", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -91,9 +92,7 @@ def test_a_new_scene_names_the_schema_beside_it(tmp_path: Path):
     assert file.read_text(encoding="utf-8") == text
 
 
-def test_a_file_that_is_no_schema_of_ours_is_kept(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_file_that_is_no_schema_of_ours_is_kept(tmp_path: Path, capsys: Capture):
     (tmp_path / "gait.schema.json").write_text("{}")
     assert main(["new", "gait", "-o", str(tmp_path / "mine.toml")]) == 2
     assert "gait.schema.json: is there already" in capsys.readouterr().err
@@ -101,9 +100,7 @@ def test_a_file_that_is_no_schema_of_ours_is_kept(
     assert (tmp_path / "gait.schema.json").read_text() == "{}"
 
 
-def test_nothing_is_written_over(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_nothing_is_written_over(tmp_path: Path, monkeypatch: Patch, capsys: Capture):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "gait"]) == 0
     kept = Path("gait.toml").read_text(encoding="utf-8") + "# mine\n"
@@ -124,17 +121,14 @@ def test_nothing_is_written_over(
 @pytest.mark.parametrize(
     "arguments", [["new", "gate"], ["schema", "gate"], ["list", "--kind", "gate"]]
 )
-def test_a_kind_that_is_none_is_hinted_at(arguments: list[str], capsys: pytest.CaptureFixture[str]):
+def test_a_kind_that_is_none_is_hinted_at(arguments: list[str], capsys: Capture):
     with pytest.raises(SystemExit) as end:
         main(arguments)
     assert end.value.code == 2
     assert "did you mean gait?" in capsys.readouterr().err
 
 
-# -- schemas ---------------------------------------------------------------------------------------
-
-
-def test_a_schema_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_schema_is_written_once(tmp_path: Path, capsys: Capture):
     command = ["schema", "gait", "-o", str(tmp_path / "gait.json")]
     assert main(command) == 0
     assert main(command) == 0  # what is the same already is no obstacle
@@ -143,36 +137,25 @@ def test_a_schema_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "gait.json: is there already" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", packaged_scenes())
-def test_packaged_scenes_name_no_schema_that_is_not_there(name: str):
-    assert "#:schema" not in packaged_scenes()[name].read_text(encoding="utf-8")
+def test_the_list_is_filtered(capsys: Capture):
+    def listed(*words: str) -> str:
+        assert main(["list", *words]) == 0
+        return capsys.readouterr().out
 
-
-# -- list ------------------------------------------------------------------------------------------
-
-
-def test_the_list_is_filtered(capsys: pytest.CaptureFixture[str]):
-    assert main(["list", "--kind", "gait"]) == 0
-    out = capsys.readouterr().out
-    assert re.findall(r"^    (\w+) ", out, re.MULTILINE) == [
-        "fast_gait",
-        "gait_region",
-        "uphill_gait",
-    ]
-    assert re.findall(r"^  (\S+):", out, re.MULTILINE) == ["gait"]
-    assert "film" not in out
-    assert main(["list", "FLUID", "wave"]) == 0
-    out = capsys.readouterr().out
+    out = listed("--kind", "gait")
+    assert re.findall(r"^    (\w+) ", out, re.M) == ["fast_gait", "gait_region", "uphill_gait"]
+    assert re.findall(r"^  (\S+):", out, re.M) == ["gait"]
+    out = listed("FLUID", "wave")
     assert "film-wave" in out
     assert "fast_gait" not in out
-    assert re.findall(r"^\w.*", out, re.MULTILINE) == ["Magnetic films", "Coils"]
+    assert re.findall(r"^\w.*", out, re.M) == ["Magnetic films", "Coils"]
     assert main(["list", "no_such_word"]) == 0
     said = capsys.readouterr()
     assert said.out == ""
     assert "no packaged scene" in said.err
 
 
-def test_every_packaged_scene_has_a_time(capsys: pytest.CaptureFixture[str]):
+def test_every_packaged_scene_has_a_time(capsys: Capture):
     assert {*times_of_scenes()} == {*packaged_scenes()}, "measure it: .ci/gallery"
     assert main(["list", "fast_gait"]) == 0
     assert re.search(r"  gait: .*\n    fast_gait +1 s  ", capsys.readouterr().out)
@@ -182,7 +165,7 @@ def test_every_kind_is_in_one_group():
     assert sorted(kind for kinds in GROUPS.values() for kind in kinds) == sorted(KINDS)
 
 
-def test_the_list_is_in_json_too(capsys: pytest.CaptureFixture[str]):
+def test_the_list_is_in_json_too(capsys: Capture):
     assert main(["list", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert {kind["name"] for kind in found["kinds"]} == {*KINDS}
@@ -205,7 +188,7 @@ def test_the_list_is_in_json_too(capsys: pytest.CaptureFixture[str]):
         ("identification", "fit"),
     ],
 )
-def test_the_list_is_searched_by_synonyms(word: str, kind: str, capsys: pytest.CaptureFixture[str]):
+def test_the_list_is_searched_by_synonyms(word: str, kind: str, capsys: Capture):
     assert main(["list", word]) == 0
     assert f"\n  {kind}: " in capsys.readouterr().out
 
@@ -218,11 +201,8 @@ def test_every_synonym_is_a_word_of_the_list():
         assert not [each for each in meant.split() if not has_all([each], listed)], word
 
 
-# -- completion ------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
-def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def script(tmp_path_factory: Folders) -> Path:
     path = tmp_path_factory.mktemp("completion") / "wormopt.bash"
     command = [sys.executable, "-m", "wormopt", "completion", "bash"]
     path.write_bytes(subprocess.run(command, capture_output=True, check=True).stdout)
@@ -275,7 +255,7 @@ def test_scripts_of_other_shells_are_read_by_them(shell: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("shell", ["fish", "powershell"])
-def test_scripts_complete_scenes_and_kinds(shell: str, capsys: pytest.CaptureFixture[str]):
+def test_scripts_complete_scenes_and_kinds(shell: str, capsys: Capture):
     assert main(["completion", shell]) == 0
     out = capsys.readouterr().out
     assert "fast_gait" in out

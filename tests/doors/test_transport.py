@@ -8,8 +8,7 @@ QUICK = ["worm.links=1", "search.sequence=[[0],[1]]"]
 
 
 @pytest.mark.parametrize(
-    ("name", "changes", "mass"),
-    [("uphill_gait", [], 3.0), ("design_fast_gait", QUICK, 2.0)],
+    ("name", "changes", "mass"), [("uphill_gait", [], 3.0), ("design_fast_gait", QUICK, 2.0)]
 )
 def test_energy_by_weight_and_distance(name: str, changes: list[str], mass: float):
     result = wo.run(wo.load_scene(name, [*changes, 'units="SI"']))

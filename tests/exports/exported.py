@@ -47,14 +47,8 @@ def made(folder: Path) -> Path:
 
 def swing() -> wo.Model:
     t, x, v, k = (ca.SX.sym(name) for name in ("t", "x", "v", "k"))
-    return wo.Model(
-        "swing",
-        x=[
-            wo.Signal("place", x, "length", nominal=3.0, value=0.5),
-            wo.Signal("speed of it, λ", v, "speed", value=0.0),
-        ],
-        ode=ca.vertcat(v, -k * x * t),
-        p=[wo.Signal("time", k, "s-3", value=2.0)],
-        t=t,
-        outputs=[wo.Output("pull", k * x * t, "acceleration")],
-    )
+    states = [wo.Signal("place", x, "length", nominal=3.0, value=0.5),
+              wo.Signal("speed of it, λ", v, "speed", value=0.0)]  # fmt: skip
+    number, pull = wo.Signal("time", k, "s-3", value=2.0), k * x * t
+    outputs = [wo.Output("pull", pull, "acceleration")]
+    return wo.Model("swing", states, ca.vertcat(v, -pull), p=[number], t=t, outputs=outputs)

@@ -4,11 +4,13 @@ import csv
 import io
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from exported import by_formula, gait_in, made, rough, swing
+from hints import Capture, Patch
 from places import SAVED
 from scipy.io import loadmat
 
@@ -77,19 +79,25 @@ def test_a_gait_is_evaluated_and_not_interpolated(fast: Result, tmp_path: Path):
     assert set(table["resting_0 [1]"]) <= {0.0, 1.0}
 
 
-def test_a_reference_is_the_gait_and_a_length_beside_it_is_not(tmp_path: Path):
+@pytest.fixture(scope="module")
+def tracked() -> Result:
+    """A worm whose lengths stray from their reference."""
     result = Result.load(SAVED / "random_links.nc")
-    time, reference = result["time"].values, result["reference"].values
-    strayed = Variable("length", "m", ("link", "time"), reference + 0.1 * np.sin(time))
-    mixed = Result("walk", "track", variables=(*result.variables, strayed))
-    (file,) = (f for f in wo.export(mixed, "csv", tmp_path, step=0.013) if f.stem == "walk")
+    strays = result["reference"].values + 0.1 * np.sin(result["time"].values)
+    strayed = Variable("length", "m", ("link", "time"), strays)
+    return Result("walk", "track", variables=(*result.variables, strayed))
+
+
+def test_a_reference_is_the_gait_and_a_length_beside_it_is_not(tracked: Result, tmp_path: Path):
+    (file,) = (f for f in wo.export(tracked, "csv", tmp_path, step=0.013) if f.stem == "walk")
     table = columns(file.read_text("utf-8"))
-    t, gait = table["time [s]"], gait_in(result)
+    t, gait = table["time [s]"], gait_in(tracked)
+    time, reference, length = (tracked[name].values for name in ("time", "reference", "length"))
     expected = np.array([by_formula(gait, at, 0) for at in t]).T
     for k in range(2):
         assert np.abs(table[f"reference_{k} [m]"] - expected[k]).max() < 1e-12
         assert np.abs(np.interp(t, time, reference[k]) - expected[k]).max() > 1e-3
-        assert np.allclose(table[f"length_{k} [m]"], np.interp(t, time, strayed.values[k]))
+        assert np.allclose(table[f"length_{k} [m]"], np.interp(t, time, length[k]))
 
 
 def test_a_result_without_time_is_written_over_its_own_dimensions(tmp_path: Path):
@@ -135,14 +143,8 @@ def test_every_result_is_written_whole(path: Path, tmp_path: Path):
 
 
 def test_the_step_is_checked(fast: Result, tmp_path: Path):
-    for step, said in (
-        (0.0, "positive"),
-        (-1.0, "positive"),
-        (float("nan"), "positive"),
-        (1e-12, "larger"),
-        (float("inf"), "positive"),
-    ):
-        with pytest.raises(wo.ArgumentError, match=said):
+    for step in (0.0, -1.0, np.nan, np.inf, 1e-12):
+        with pytest.raises(wo.ArgumentError, match="larger" if step == 1e-12 else "positive"):
             wo.export(fast, "csv", tmp_path, step=step)
     still = Result.load(SAVED / "segment_shapes.nc")
     with pytest.raises(wo.ArgumentError, match="no time"):
@@ -227,7 +229,7 @@ def test_a_cycle_that_is_a_multiple_stays_as_it_is(fast: Result, tmp_path: Path)
 
 
 def test_columns_that_are_not_there_are_refused(
-    walk: Result, fast: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    walk: Result, fast: Result, tmp_path: Path, capsys: Capture
 ):
     with pytest.raises(ValueError, match=r"has no column 'lenght'; .* It has 'time', .*'length_0'"):
         wo.export(walk, "csv", tmp_path, columns=["lenght"])
@@ -241,29 +243,16 @@ def test_columns_that_are_not_there_are_refused(
     assert "has no column 'lenght'" in capsys.readouterr().err
 
 
-def test_the_reference_of_a_tracked_worm_is_read_back(tmp_path: Path):
+def test_the_reference_of_a_tracked_worm_is_read_back(designed: Result, tmp_path: Path):
     """Its links follow it within a tube only; they are no gait."""
-    time = np.linspace(0.0, 3.0, 301)
-    turning, cosine, sine = np.array([2 * np.pi / 1.5]), np.array([[0.1]]), np.zeros((1, 1))
-    gait = wo.Gait(np.array([0.0, 1.5]), np.ones((1, 1, 1)), turning, cosine, sine)
-    variables = (
-        Variable("time", "s", ("time",), time),
-        Variable("length", "m", ("link", "time"), gait(time) + 0.01 * np.sin(7 * time)),
-        Variable("reference", "m", ("link", "time"), gait(time)),
-        *(
-            Variable(f"gait_{name}", unit, dims, gait.arrays()[name])
-            for name, unit, dims in (
-                ("breaks", "s", ("gait_break",)),
-                ("polynomial", "m", ("gait_piece", "link", "gait_power")),
-                ("omega", "1", ("gait_piece",)),
-                ("cosine", "m", ("gait_piece", "link")),
-                ("sine", "m", ("gait_piece", "link")),
-            )
-        ),
-    )
-    (file,) = wo.export(Result("walk", "track", variables=variables), "csv", tmp_path)
-    back, t = wo.load_gait(file), np.linspace(0.0, 1.5, 997)
-    assert back.period == 1.5
+    length, time = designed["length"], designed["time"].values
+    kept = [v for v in designed.variables if v.name == "time" or v.name.startswith("gait_")]
+    strayed = replace(length, values=length.values + 0.01 * np.sin(7 * time))
+    variables = (*kept, strayed, replace(length, name="reference"))
+    (file, *_) = wo.export(Result("walk", "track", variables=variables), "csv", tmp_path)
+    back, gait = wo.load_gait(file), gait_in(designed)
+    t = np.linspace(0.0, gait.period, 997)
+    assert back.period == gait.period
     assert np.abs(back(t) - gait(t)).max() < 1e-7
 
 
@@ -310,15 +299,12 @@ def test_a_result_with_nearly_nothing_goes_to_matlab(tmp_path: Path):
 
 @pytest.fixture
 def saved(fast: Result, tmp_path: Path) -> Path:
-    folder = tmp_path / "result"
-    folder.mkdir()
+    folder = made(tmp_path / "result")
     fast.save(folder)
     return folder
 
 
-def test_several_formats_at_once(
-    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_several_formats_at_once(saved: Path, tmp_path: Path, capsys: Capture, monkeypatch: Patch):
     monkeypatch.chdir(tmp_path)
     assert main(["export", "result", "--csv", "--mat", "--c", "--ros", "--cycles", "2"]) == 0
     names = [f"fast_gait{end}" for end in (".csv", ".mat", ".h", ".c", "_replay.c", ".yaml")]
@@ -332,7 +318,7 @@ def test_several_formats_at_once(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["result"], "--csv, --mat, --c, --ros, --fmu"),
+        (["result"], "--csv, --mat, --c, --ros, --mjcf, --urdf, --fmu"),
         (["nothing", "--csv"], "nothing"),
         (["mine.txt", "--csv"], "no result of wormopt"),
         (["result", "--fmu"], "kind simulate or track"),
@@ -354,12 +340,7 @@ def test_several_formats_at_once(
     ],
 )
 def test_what_is_refused_leaves_all_as_it_was(
-    saved: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
-    said: str,
+    saved: Path, tmp_path: Path, capsys: Capture, monkeypatch: Patch, arguments: list, said: str
 ):
     monkeypatch.chdir(tmp_path)
     for name in ("mine.txt", "there.csv", "mine"):
@@ -371,9 +352,7 @@ def test_what_is_refused_leaves_all_as_it_was(
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
-def test_what_is_written_does_not_hang_on_when(
-    fast: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_what_is_written_does_not_hang_on_when(fast: Result, tmp_path: Path, monkeypatch: Patch):
     def written(folder: str) -> dict[str, bytes]:
         paths = wo.export(fast, ["csv", "mat", "c", "ros"], tmp_path / folder)
         return {path.name: path.read_bytes() for path in paths}
@@ -384,9 +363,7 @@ def test_what_is_written_does_not_hang_on_when(
     assert written("b") == first
 
 
-def test_force_replaces_files_and_never_folders(
-    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_force_replaces_files_and_never_folders(saved: Path, tmp_path: Path, capsys: Capture):
     into = ["export", str(saved), "--csv", "--mat", "--c", "--ros", "-o", str(tmp_path / "all")]
     assert main(into) == 0
     assert main(into) == 0  # they are the same
@@ -413,17 +390,13 @@ def test_force_replaces_files_and_never_folders(
     assert [path.name for path in folder.iterdir()] == ["fast_gait.c"]
 
 
-@pytest.mark.skipif(
-    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere"
-)
+@pytest.mark.skipif(getattr(os, "geteuid", int)() == 0, reason="root may write anywhere")
 def test_a_folder_that_may_not_be_written_to(saved: Path, tmp_path: Path):
     (tmp_path / "locked").mkdir(mode=0o500)
     assert main(["export", str(saved), "--csv", "-o", str(tmp_path / "locked")]) == 2
 
 
-def test_a_disk_that_fails_leaves_nothing_behind(
-    saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_disk_that_fails_leaves_nothing_behind(saved: Path, tmp_path: Path, monkeypatch: Patch):
     write = Path.write_bytes
 
     def full(path: Path, content: bytes) -> int:
@@ -436,9 +409,8 @@ def test_a_disk_that_fails_leaves_nothing_behind(
     assert not [*(tmp_path / "out").iterdir()]
 
 
-def test_a_failed_result_says_so(fast: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    folder = tmp_path / "failed"
-    folder.mkdir()
+def test_a_failed_result_says_so(fast: Result, tmp_path: Path, capsys: Capture):
+    folder = made(tmp_path / "failed")
     fast.failed("it stopped short").save(folder)
     assert main(["export", str(folder), "--csv", "--c", "--ros", "-o", str(tmp_path)]) == 0
     assert "the result failed; the files state it: it stopped short" in capsys.readouterr().err

@@ -27,14 +27,8 @@ VALUES = (0.3, 1.0, 1.0, 10.0)
 def worm(end: float, choice: wo.Ramps | wo.Waves) -> wo.Experiment:
     """Three masses, whose links' rest lengths are moved."""
     forward, backward, damping, stiffness = VALUES
-    model = wo.chain(
-        2,
-        mass=1.0,
-        stiffness=stiffness,
-        damping=damping,
-        rest_length=2.0,
-        law=Coulomb(forward, backward),
-    )
+    law = Coulomb(forward, backward)
+    model = wo.chain(2, mass=1.0, stiffness=stiffness, damping=damping, rest_length=2.0, law=law)
     times = np.arange(1, round(50 * end) + 1) / 50
     return wo.Experiment(model, UNKNOWNS, {"position": 0.01}, times, [choice], limits=LENGTHS)
 

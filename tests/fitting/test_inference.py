@@ -389,13 +389,7 @@ def test_forces_of_a_worm_are_known_but_for_their_scale():
     times, start = np.linspace(0.0, 2.0, 41), {"position": [3.5, 0.0], "velocity": [0.0, 0.0]}
     true = simulate(worm, 2.0, x0=start, times=times)["position"]
     run = Recording(times, {"position": true}, noise={"position": 0.01}, x0=start)
-    named = {
-        "mass": 1.0,
-        "stiffness": 10.0,
-        "damping": 1.0,
-        "friction": 1.0,
-        "rest_length": 2.0,
-    }
+    named = {"mass": 1.0, "stiffness": 10.0, "damping": 1.0, "friction": 1.0, "rest_length": 2.0}
     unknowns = [
         Unknown("mass", "mass"),
         *map(Unknown, ("stiffness", "damping", "rest_length")),

@@ -1,6 +1,8 @@
 """Coils and rows of coils: magpylib, closed forms, Maxwell's equations, courses of currents."""
 
 import math
+from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import casadi as ca
@@ -9,16 +11,13 @@ import numpy as np
 import pytest
 from effort import examples
 from hypothesis import given, settings
+from scipy.optimize import least_squares
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.magnetics.coils import Axis, Coil, CoilRow, field_by_quadrature
-from wormopt.magnetics.travelling import (
-    harmonic_shares,
-    moving_profile,
-    shifted_course,
-    switched_course,
-)
+from wormopt.magnetics.travelling import harmonic_shares as shares
+from wormopt.magnetics.travelling import moving_profile, shifted_course, switched_course
 from wormopt.magnetics.winding import loop_field, sheet_field
 from wormopt.systems.coils.row_currents import RowFit, TravellingTarget, fit_currents
 
@@ -156,12 +155,9 @@ def test_the_field_is_the_same_level_with_an_end_and_beside():
 
 @settings(max_examples=examples(40))
 @given(
-    inner=st.floats(0.1, 2.0),
-    depth=st.floats(0.1, 2.0),
-    length=st.floats(0.2, 5.0),
-    rho=st.floats(0.0, 6.0),
-    s=st.floats(-6.0, 6.0),
-)
+    inner=st.floats(0.1, 2.0), depth=st.floats(0.1, 2.0), length=st.floats(0.2, 5.0),
+    rho=st.floats(0.0, 6.0), s=st.floats(-6.0, 6.0),
+)  # fmt: skip
 def test_more_nodes_change_nothing(inner: float, depth: float, length: float, rho: float, s: float):
     coil = Coil(inner, inner + depth, length)
     clearance = float(coil.clearance(rho**2, s))
@@ -180,24 +176,18 @@ def magpylib_row(row: CoilRow, currents: np.ndarray) -> Any:
     magpylib = pytest.importorskip("magpylib")
     places, weights = np.polynomial.legendre.leggauss(16)
     coil, turn = row.coil, {"along": (0, 90, 0), "across": (-90, 0, 0), "vertical": (0, 0, 0)}
-    sides = (
-        (0.0,) if row.gap is None else (-(row.gap + coil.length) / 2, (row.gap + coil.length) / 2)
-    )
+    apart = 0.0 if row.gap is None else (row.gap + coil.length) / 2
+    nodes = [*zip(places, weights / 2, strict=True)]
     loops = []
-    for a, wa in zip(places, weights / 2, strict=True):
+    for (a, wa), (b, wb), side, k in product(nodes, nodes, {-apart, apart}, range(row.count)):
         radius = (coil.inner + coil.outer) / 2 + a * (coil.outer - coil.inner) / 2
-        for b, wb in zip(places, weights / 2, strict=True):
-            for side in sides:
-                for k in range(row.count):
-                    shift = b * coil.length / 2 + side
-                    middle = np.array([k * row.pitch, 0.0, 0.0])
-                    middle[("along", "across", "vertical").index(row.axis)] += shift
-                    loop = magpylib.current.Circle(
-                        diameter=2 * radius, current=wa * wb * currents[k], position=middle
-                    )
-                    loop.rotate_from_angax(turn[row.axis][0], "x", anchor=middle)
-                    loop.rotate_from_angax(turn[row.axis][1], "y", anchor=middle)
-                    loops.append(loop)
+        middle = np.array([k * row.pitch, 0.0, 0.0])
+        middle[("along", "across", "vertical").index(row.axis)] += b * coil.length / 2 + side
+        current = wa * wb * currents[k]
+        loop = magpylib.current.Circle(diameter=2 * radius, current=current, position=middle)
+        for angle, axis in zip(turn[row.axis], "xy", strict=False):
+            loop.rotate_from_angax(angle, axis, anchor=middle)
+        loops.append(loop)
     return magpylib.Collection(*loops)
 
 
@@ -205,10 +195,7 @@ def magpylib_row(row: CoilRow, currents: np.ndarray) -> Any:
 def test_a_row_is_that_of_magpylib(name: str):
     row = ROWS[name]
     x, y = np.array([3e-3, 17e-3, 32e-3]), np.array([0.0, 1e-3, -0.5e-3])
-    z = 3 * HEIGHTS[name] if name != "facing" else 2e-3
-    z = 1.4 * HEIGHTS[name] if name == "vertical" else z
-    if name == "along":
-        z = 14e-3
+    z = {"facing": 2e-3, "along": 14e-3, "vertical": 1.4 * HEIGHTS["vertical"]}[name]
     source = magpylib_row(row, CURRENTS)
     reference = source.getH(np.c_[x, y, np.full(3, z)])
     assert off(row.field(x, z, CURRENTS, y).T, reference) < 1e-10
@@ -228,9 +215,8 @@ def test_maxwells_equations_hold_in_air(name: str):
         assert np.all(np.isfinite(slopes))
         assert abs(np.trace(slopes)) < 1e-10 * size
         assert np.abs(slopes - slopes.T).max() < 1e-10 * size
-        assert values.ravel() == pytest.approx(
-            row.field(point[0], point[2], CURRENTS, point[1]).ravel(), rel=1e-11, abs=1e-6
-        )
+        found = row.field(point[0], point[2], CURRENTS, point[1]).ravel()
+        assert values.ravel() == pytest.approx(found, rel=1e-11, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -249,13 +235,17 @@ def test_the_gradient_of_the_square_is_that_of_differences(name: str):
         assert gradient[axis] == pytest.approx(difference, rel=1e-6, abs=1e-7 * size)
 
 
+def quadrature_error(row: CoilRow, x: np.ndarray, height: float, currents: np.ndarray) -> float:
+    second = field_by_quadrature(row, x, height, currents)
+    formula = np.einsum("cmk,km->cm", row.influence(x, height), currents)
+    return float(np.abs(second - formula).max() / np.abs(second).max())
+
+
 @pytest.mark.parametrize("name", ROWS)
 def test_quadrature_of_biot_and_savart_finds_the_same(name: str):
     row, x = ROWS[name], np.array([7e-3, 23e-3])
     currents = np.c_[CURRENTS, CURRENTS[::-1]]
-    second = field_by_quadrature(row, x, HEIGHTS[name], currents)
-    formula = np.einsum("cmk,km->cm", row.influence(x, HEIGHTS[name]), currents)
-    assert np.abs(second - formula).max() < 1e-11 * np.abs(second).max()
+    assert quadrature_error(row, x, HEIGHTS[name], currents) < 1e-11
 
 
 @pytest.mark.parametrize("gap", [1e-3, 3e-4])
@@ -263,17 +253,13 @@ def test_quadrature_ends_next_to_a_winding(gap: float):
     """Of points over an end, between the radii: there the field is steep along both."""
     row, x = CoilRow(COIL, 2, 10e-3, gap=gap), np.array([2.5e-3, 7e-3])
     currents = np.c_[CURRENTS, CURRENTS[::-1]][:2]
-    second = field_by_quadrature(row, x, 0.0, currents)
-    formula = np.einsum("cmk,km->cm", row.influence(x, 0.0), currents)
-    assert np.abs(second - formula).max() < 1e-11 * np.abs(second).max()
+    assert quadrature_error(row, x, 0.0, currents) < 1e-11
 
 
 def test_quadrature_keeps_its_digits_beside_a_long_coil():
     """Its ends are seen at nearly the same angle, and the sheets are passed closely."""
     long, x = CoilRow(Coil(0.5, 1.0, 1e3), 1, 2.0, "vertical"), np.array([1.02])
-    second = field_by_quadrature(long, x, 0.3, np.ones((1, 1)))
-    formula = long.influence(x, 0.3)[:, :, 0]
-    assert np.abs(second - formula).max() < 1e-10 * np.abs(second).max()
+    assert quadrature_error(long, x, 0.3, np.ones((1, 1))) < 1e-10
 
 
 @pytest.mark.parametrize("height", [1e2, 1e9])
@@ -281,9 +267,7 @@ def test_quadrature_keeps_its_digits_however_far_away(height: float):
     """Around a turn all but nothing is left of the distances: no rule ended on their rounding."""
     row, x = ROWS["vertical"], np.array([7e-3, 23e-3])
     currents = np.c_[CURRENTS, CURRENTS[::-1]]
-    second = field_by_quadrature(row, x, height, currents)
-    formula = np.einsum("cmk,km->cm", row.influence(x, height), currents)
-    assert np.abs(second - formula).max() < 1e-9 * np.abs(second).max()
+    assert quadrature_error(row, x, height, currents) < 1e-9
 
 
 def test_a_row_shifted_by_a_pitch_is_itself():
@@ -292,8 +276,9 @@ def test_a_row_shifted_by_a_pitch_is_itself():
     assert A[:, 0, :-1] == pytest.approx(A[:, 1, 1:], rel=1e-12, abs=1e-9)
 
 
-def refusals() -> list[tuple[str, object]]:
-    return [
+@pytest.mark.parametrize(
+    ("message", "build"),
+    [
         ("inner must be above 0", lambda: Coil(0.0, 1.0, 1.0)),
         ("inner must be above 0", lambda: Coil(-1.0, 1.0, 1.0)),
         ("length must be above 0", lambda: Coil(0.5, 1.0, math.nan)),
@@ -312,13 +297,9 @@ def refusals() -> list[tuple[str, object]]:
         ("do not fit", lambda: switched_course(4, 1.0, 1.0, every=5)),
         ("rate", lambda: switched_course(4, 1.0, 0.0)),
         ("shift", lambda: shifted_course([1.0], 1.0, 0.0, 2)),
-    ]
-
-
-@pytest.mark.parametrize("case", range(len(refusals())))
-def test_what_cannot_be_is_refused(case: int):
-    message, build = refusals()[case]
-    assert callable(build)
+    ],
+)
+def test_what_cannot_be_is_refused(message: str, build: Callable[[], object]):
     with pytest.raises(ArgumentError, match=message):
         build()
 
@@ -358,9 +339,8 @@ def test_each_coil_follows_its_neighbour(nodes: list[float], shift: float, alter
 
 def test_the_simulator_follows_a_course_of_currents():
     charge, current = ca.SX.sym("charge", 3), ca.SX.sym("current", 3)
-    model = wo.Model(
-        "charged", x=[wo.Signal("charge", charge)], ode=current, u=[wo.Signal("current", current)]
-    )
+    x, u = [wo.Signal("charge", charge)], [wo.Signal("current", current)]
+    model = wo.Model("charged", x=x, ode=current, u=u)
     course = switched_course(3, 2.0, 10.0, on=1)
     run = wo.simulate(wo.drive(model, course, periodic=True), 0.75)
     # 7.5 steps of 0.1 s: coil 0 is on in steps 0, 3, 6, coil 1 in 1, 4 and half of 7
@@ -374,7 +354,7 @@ def test_a_smooth_field_travels_forward_without_ripple():
     x = np.linspace(80e-3, 160e-3, 33)
     profile = moving_profile(row, course, x, 0.0, wavelength=80e-3, period=2.0)
     assert profile.ripple < 0.01
-    assert harmonic_shares(profile.mean)[1] > 0.999  # H has the period of the wave, H² half of it
+    assert shares(profile.mean)[1] > 0.999  # H has the period of the wave, H² half of it
     backward = moving_profile(row, course, x, 0.0, wavelength=-80e-3, period=2.0)
     assert backward.ripple > 1
 
@@ -437,8 +417,6 @@ def test_the_program_compares_the_field_of_the_course(free: RowFit):
 
 
 def test_no_other_currents_are_nearer(free: RowFit):
-    from scipy.optimize import least_squares
-
     B, xi = maps()
     unit = np.abs(free.nodes).max()
 
@@ -448,9 +426,7 @@ def test_no_other_currents_are_nearer(free: RowFit):
     start = np.append(free.nodes / unit, free.square / LEAST)
     low = np.append(np.full(16, -3000 / unit), 1.0)
     begin = start * (1 + 0.1 * np.random.default_rng(3).uniform(-1, 1, 17))
-    second = least_squares(
-        left, np.maximum(begin, low + 1e-6), bounds=(low, np.full(17, np.inf)), xtol=1e-12
-    )
+    second = least_squares(left, np.maximum(begin, low + 1e-6), bounds=(low, np.inf), xtol=1e-12)
     assert np.sum(left(start) ** 2) == pytest.approx(2 * second.cost, rel=1e-5)
 
 

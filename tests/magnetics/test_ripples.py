@@ -28,11 +28,9 @@ def test_maxwells_stress_is_normal_to_the_surface_and_is_the_pull(fluid: Fluid) 
     for Ht, Hn in rng.normal(0, 2e4, (20, 2)):
         law, square = fluid.magnetisation, Ht**2 + Hn**2
         B = MU0 * (1 + law.ratio(square)) * np.array([Ht, Hn])
-        outside = np.array([Ht, B[1] / MU0])
-        inner = -MU0 * (law.energy(square) + square / 2) * np.array([0, 1]) + B[1] * np.array(
-            [Ht, Hn]
-        )
-        outer = MU0 * (outside[1] * outside - np.array([0, 1]) * (outside @ outside) / 2)
+        inside, outside, up = np.array([Ht, Hn]), np.array([Ht, B[1] / MU0]), np.array([0, 1])
+        inner = B[1] * inside - MU0 * (law.energy(square) + square / 2) * up
+        outer = MU0 * (outside[1] * outside - up * (outside @ outside) / 2)
         along, normal = outer - inner
         assert abs(along) <= 1e-14 * MU0 * square
         assert normal == pytest.approx(float(pull(fluid, (Ht, Hn), 0.0)), rel=1e-12)

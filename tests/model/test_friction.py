@@ -88,10 +88,7 @@ def test_smooth_laws_are_monotone_bounded_and_passive_where_they_should_be(v: fl
 
 
 @given(
-    forward=st.floats(0, 5),
-    extra=st.floats(0, 5),
-    v_stribeck=st.floats(0.01, 2),
-    v=st.floats(0, 3),
+    forward=st.floats(0, 5), extra=st.floats(0, 5), v_stribeck=st.floats(0.01, 2), v=st.floats(0, 3)
 )
 def test_stribeck_falls_from_stiction_to_sliding(
     forward: float, extra: float, v_stribeck: float, v: float

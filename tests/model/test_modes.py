@@ -39,12 +39,6 @@ def test_the_ceiling_has_its_known_values(links: int, resting: int, value: Fract
     assert ceiling(limits, limits, resting) == pytest.approx(rate * value, rel=1e-9)
 
 
-def test_eight_links_reach_four_times_the_rate():
-    """For a = 1 the accordion's n r / 2 is the optimum; for a = n one mass hops at a time."""
-    assert ceiling([1.0] * 8, [1.0] * 8, 1) == pytest.approx(4.0, rel=1e-9)
-    assert ceiling([1.0] * 8, [1.0] * 8, 8) == pytest.approx(1 / 9, rel=1e-9)
-
-
 @given(contraction=st.floats(0.01, 100), extension=st.floats(0.01, 100))
 def test_one_link_with_two_rates(contraction: float, extension: float):
     """A stroke takes 1/c + 1/e, so the speed is c e / (c + e)."""
@@ -111,9 +105,6 @@ def test_limits_only_lower_the_ceiling(data: st.DataObject, links: int):
     assert -slack <= part <= whole + slack
     slower = [c * data.draw(st.floats(0.1, 1)) for c in contraction]
     assert ceiling(slower, extension, resting) <= whole + slack
-    # Run backwards and seen from behind, the worm crawls as well; what contracted now extends.
-    mirrored = ceiling(extension[::-1], contraction[::-1], resting)
-    assert mirrored == pytest.approx(whole, abs=slack)
 
 
 @settings(max_examples=examples(40))
@@ -161,11 +152,8 @@ def fastest_segment(weights: np.ndarray, contraction: np.ndarray, extension: np.
     to_ahead, to_behind = np.eye(n + 1, n, -1), np.eye(n + 1, n)
     lengthening = to_ahead - to_behind
     inner = np.isfinite(contraction)
-    answer = linprog(
-        -weights,
-        A_ub=np.vstack([lengthening[inner], -lengthening[inner]]),
-        b_ub=np.concatenate([extension[inner], contraction[inner]]),
-    )
+    b_ub = np.concatenate([extension[inner], contraction[inner]])
+    answer = linprog(-weights, A_ub=np.vstack([lengthening[inner], -lengthening[inner]]), b_ub=b_ub)
     assert answer.status == 0
     return -answer.fun
 
@@ -416,10 +404,7 @@ def test_head_then_tail_alone_is_enough_under_rate_limits():
     assert ceiling([1.0] * 2, [1.0] * 2, 1, [{0}, {1}]) == pytest.approx(0.5, rel=1e-9)
 
 
-@given(
-    contacts=st.integers(1, 8),
-    data=st.data(),
-)
+@given(contacts=st.integers(1, 8), data=st.data())
 def test_resting_sets_come_back_from_a_sequence(contacts: int, data: st.DataObject):
     phase = st.frozensets(st.integers(0, contacts - 1))
     sets = data.draw(st.lists(phase, min_size=1, max_size=6))

@@ -32,10 +32,7 @@ ROOTS = [
     ("rational", lambda s: 1 / (1 + s**2) - 0.5, (0.0, 4.0), [1.0], 1e-13),
     ("far off", lambda s: np.sin(s - 1e6), (1e6 - 1.0, 1e6 + 1.0), [1e6], 1e-9),
 ]
-KNOWN = {
-    "cluster": [0.5, 0.5001, 0.5002],
-    "many": [(k + 0.5) * math.pi / 40 for k in range(38)],
-}
+KNOWN = {"cluster": [0.5, 0.5001, 0.5002], "many": [(k + 0.5) * math.pi / 40 for k in range(38)]}
 
 
 @pytest.mark.parametrize(("name", "function", "ends", "roots", "error"), ROOTS)

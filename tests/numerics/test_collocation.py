@@ -2,7 +2,6 @@
 
 import math
 
-import casadi as ca
 import numpy as np
 import pytest
 from effort import examples
@@ -40,13 +39,6 @@ def test_nodes_and_weights_agree_with_scipy(degree: int):
     inner = roots_jacobi(degree - 1, 1, 0)[0] if degree > 1 else np.zeros(0)
     assert radau == pytest.approx((np.append(inner, 1.0) + 1) / 2, abs=1e-13)
     assert radau[-1] == 1.0
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("degree", range(1, 10))
-def test_nodes_agree_with_casadi(scheme: Scheme, degree: int):
-    expected = ca.collocation_points(degree, scheme)
-    assert Collocation(degree, scheme).tau == pytest.approx(expected, abs=1e-13)
 
 
 @pytest.mark.parametrize("stages", RADAU_TABLES)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from wormopt.numerics.workers import Workers, alone
+from wormopt.numerics.workers import Workers, alone, each
 from wormopt.result import Result
 
 
@@ -53,6 +53,12 @@ def ready(workers: Workers) -> None:
         assert time.monotonic() - begin < 60
 
 
+def designing(folder: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
+    kwargs = {"start_new_session": True, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+    return subprocess.Popen([*command, "-o", str(folder)], text=True, **kwargs)
+
+
 @pytest.fixture(scope="module")
 def pool() -> Iterator[Workers]:
     """Two that are ready."""
@@ -87,6 +93,13 @@ def test_answers_come_as_soon_as_they_are_done(pool: Workers):
     assert os.getpid() not in dict(pool.as_completed(own_process, range(6))).values()
     with Workers(1) as alone:
         assert list(alone.as_completed(square, [3, 2])) == [(0, 9), (1, 4)]
+
+
+def test_progress_is_told_after_each_job():
+    told: list[tuple[str, float | None]] = []
+    found = each(square, [3, 2], lambda *said: told.append(said), "runs", 1)
+    assert list(found) == [(0, 9), (1, 4)]
+    assert told == [("runs: 1 of 2", 0.5), ("runs: 2 of 2", 1.0)]
 
 
 def test_a_process_that_dies_costs_no_answer_that_is_not_in_order():
@@ -133,9 +146,7 @@ def test_executors_of_others_are_left_alone():
 )
 def test_an_interrupt_at_any_time_leaves_no_traceback_of_processes(tmp_path: Path, delay: float):
     """As Ctrl-C sends it, to all processes of the terminal; also while they are starting."""
-    command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
-    kwargs = {"start_new_session": True, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
-    with subprocess.Popen([*command, "-o", str(tmp_path / "r")], text=True, **kwargs) as run:
+    with designing(tmp_path / "r") as run:
         time.sleep(delay)
         os.killpg(run.pid, signal.SIGINT)
         _, told = run.communicate(timeout=60)
@@ -146,9 +157,7 @@ def test_an_interrupt_at_any_time_leaves_no_traceback_of_processes(tmp_path: Pat
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGTERM")
 def test_whoever_is_asked_to_end_saves_what_there_is_and_leaves_no_process(tmp_path: Path):
-    command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
-    kwargs = {"start_new_session": True, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
-    with subprocess.Popen([*command, "-o", str(tmp_path / "r")], text=True, **kwargs) as run:
+    with designing(tmp_path / "r") as run:
         time.sleep(8)
         run.send_signal(signal.SIGTERM)
         _, told = run.communicate(timeout=60)

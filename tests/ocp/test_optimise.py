@@ -32,19 +32,25 @@ SLIDE = math.sqrt(1.5)
 BACK = 0.25 + math.sqrt(0.3)
 SMOOTH_SLIDE = 1.2221708186  # tanh(40 v): twelve digits by independent code
 RELAXED = Complementarity(residual=1e-3, first=1e-1)
+BLOCK = block(Coulomb(1.0, 2.0), force=3.0)
 LINE = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.6]))
 BRAKE = Guess(0.8, lambda t: np.vstack([t * (1 - t / 0.8) ** 2, (1 - t / 0.8) * (1 - 3 * t / 0.8)]))
 
 
-def slide(start: tuple[float, float] = (0.0, 0.0), end: float = 1.0) -> Problem:
-    """Shortest time of a block with F+ = 1, F- = 2, |u| <= 3."""
-    model = block(Coulomb(1.0, 2.0), force=3.0)
+def slide(
+    start: tuple[float, float] = (0.0, 0.0),
+    end: float = 1.0,
+    model: Model = BLOCK,
+    size: float = 1.0,
+) -> Problem:
+    """Shortest time, times a size."""
     ends = Ends.of(model)
     at_ends = [
         Constraint("start", ends.start, start, start),
         Constraint("end", ends.end, [end, 0], [end, 0]),
     ]
-    return Problem(model, ends, ends.duration, (0.01, 10.0), boundary_constraints=at_ends)
+    cost = size * ends.duration
+    return Problem(model, ends, cost, (0.01, 10.0), boundary_constraints=at_ends, nominal=size)
 
 
 def even(arcs: int, degree: int = 2, phases: int = 1) -> Mesh:
@@ -65,10 +71,7 @@ def difference(*given: Any) -> float:
 @pytest.mark.parametrize("treatment", [RELAXED, Regularised(0.03, 0.3)])
 @pytest.mark.parametrize(
     ("start", "end", "guess", "exact", "modes"),
-    [
-        ((0.0, 0.0), 1.0, LINE, SLIDE, [[1], [1]]),
-        ((0.0, 1.0), 0.0, BRAKE, BACK, [[1], [-1], [-1]]),
-    ],
+    [((0.0, 0.0), 1.0, LINE, SLIDE, [[1], [1]]), ((0.0, 1.0), 0.0, BRAKE, BACK, [[1], [-1], [-1]])],
 )
 def test_the_phases_read_off_a_relaxed_optimum_lead_to_the_exact_one(
     start, end, guess, exact, modes, treatment, arcs
@@ -189,17 +192,11 @@ def test_phases_keep_the_full_order_through_a_reversal_and_a_stick(scheme, order
 def test_without_phases_switches_inside_arcs_leave_order_one(scheme):
     # where a switch falls in its arc is a matter of luck: means over six grids each
     arcs = np.array([8, 16, 32])
-    means = [
-        np.mean(
-            [
-                sprung_error(
-                    Mesh.even(1, int(n + k), Collocation(2, scheme)), Complementarity(1e-8)
-                )
-                for k in range(6)
-            ]
-        )
-        for n in arcs
-    ]
+
+    def error(arcs: int) -> float:
+        return sprung_error(Mesh.even(1, arcs, Collocation(2, scheme)), Complementarity(1e-8))
+
+    means = [np.mean([error(int(n + k)) for k in range(6)]) for n in arcs]
     slope = -np.polyfit(np.log(arcs + 2.5), np.log(means), 1)[0]
     assert 0.6 < slope < 1.6
     assert means[-1] > 1e-3
@@ -262,10 +259,15 @@ def error_of(problem: Problem, guess: Guess = LINE, solver: Solver | None = None
     return caught.value
 
 
-def test_a_way_too_long_for_its_time_names_what_has_to_give_way():
+def hurried() -> Problem:
+    """Too long a way for its time."""
     problem = slide()
     hurry = Constraint("time", problem.ends.duration, upper=1.0)
-    error = error_of(replace(problem, boundary_constraints=[*problem.boundary_constraints, hurry]))
+    return replace(problem, boundary_constraints=[*problem.boundary_constraints, hurry])
+
+
+def test_a_way_too_long_for_its_time_names_what_has_to_give_way():
+    error = error_of(hurried())
     assert error.code == "infeasible"
     found = float(str(error).split("time by about ")[1].split(";")[0])
     # the size is known to 5e-3, and rounded to two digits
@@ -283,10 +285,7 @@ def test_each_solve_for_what_gives_way_has_as_much_time_as_one_of_the_problem(
         return solve(self, w, bounds, solver)
 
     monkeypatch.setattr(NonlinearProgram, "solve", seen)
-    problem = slide()
-    hurry = Constraint("time", problem.ends.duration, upper=1.0)
-    hasty = replace(problem, boundary_constraints=[*problem.boundary_constraints, hurry])
-    assert error_of(hasty, solver=Ipopt(seconds=70.0)).code == "infeasible"
+    assert error_of(hurried(), solver=Ipopt(seconds=70.0)).code == "infeasible"
     assert set(limits) == {70.0}
 
 
@@ -336,9 +335,8 @@ def test_a_replay_takes_nothing_from_the_optimiser_but_start_and_inputs():
     (motion,) = replay(found.motion, dense=True)
     t = np.linspace(0, found.motion.duration, 50)
     assert motion.at(t).states == pytest.approx(found.motion.states(t), abs=1e-9)
-    spoilt = replace(
-        found.motion, arcs=replace(found.motion.arcs, points=found.motion.arcs.points * 1.01)
-    )
+    arcs = replace(found.motion.arcs, points=found.motion.arcs.points * 1.01)
+    spoilt = replace(found.motion, arcs=arcs)
     assert difference(spoilt) > 1e-2
 
 
@@ -359,12 +357,8 @@ def test_an_optimal_motion_answers_by_name_as_its_simulation_does():
 def ball(**limits) -> Problem:
     """A ball thrown up: as long as it may fly, from the ground back to it."""
     y, v, u = (ca.SX.sym(name) for name in "yvu")
-    model = Model(
-        "ball",
-        x=[Signal("height", y, **limits), Signal("speed", v)],
-        ode=ca.vertcat(v, u - 1),
-        u=[Signal("gust", u, lower=0.0, upper=0.1)],
-    )
+    states = [Signal("height", y, **limits), Signal("speed", v)]
+    model = Model("ball", states, ca.vertcat(v, u - 1), u=[Signal("gust", u, lower=0.0, upper=0.1)])
     ends = Ends.of(model)
     ground = [Constraint("start", ends.start[0], 0, 0), Constraint("end", ends.end[0], 0, 0)]
     return Problem(model, ends, -ends.duration, (0.1, 10.0), boundary_constraints=ground)
@@ -385,9 +379,7 @@ def switching(pins):
     x, w, begin, t = (ca.SX.sym(name) for name in ("x", "w", "begin", "t"))
     pieces = Schedule("wind", w, begin, np.array([0.0, 1.0, 9.0]), np.array([[1.0], [5.0]]))
     u = ca.SX.sym("u")
-    model = Model(
-        "leaf", x=[Signal("x", x)], ode=w + 0 * u, t=t, u=[Signal("u", u)], schedules=[pieces]
-    )
+    model = Model("leaf", [Signal("x", x)], w + 0 * u, t=t, u=[Signal("u", u)], schedules=[pieces])
     ends = Ends.of(model)
     at_ends = [Constraint("start", ends.start, 0, 0), Constraint("end", ends.end, 2, 2)]
     problem = Problem(model, ends, ends.duration, (0.1, 5.0), boundary_constraints=at_ends)
@@ -405,9 +397,7 @@ def test_a_schedule_that_breaks_in_a_free_phase_must_be_pinned():
 
 
 def test_polish_keeps_the_parameters_of_the_relaxed_motion():
-    problem = slide()
-    heavy = {"mass": 2.0}
-    relaxed = optimise(problem, Mesh.even(1, 20, Collocation(2, "radau")), RELAXED, LINE, p=heavy)
+    relaxed = optimise(slide(), even(20), RELAXED, LINE, p={"mass": 2.0})
     # (3 - 1) / 2 forward, (3 + 1) / 2 braking
     assert optimise_switching_times(relaxed).objective == pytest.approx(
         math.sqrt(2 * (1 + 1 / 2)), abs=1e-9
@@ -418,19 +408,13 @@ def test_polish_keeps_the_parameters_of_the_relaxed_motion():
 def test_phases_are_read_whatever_the_unit_of_force(size: float):
     """Forces and mass in another unit; the motion is the same."""
     model = block(Coulomb(1.0 * size, 2.0 * size), mass=size, force=3.0 * size)
-    ends = Ends.of(model)
-    at_ends = [Constraint("start", ends.start, 0, 0), Constraint("end", ends.end, [1, 0], [1, 0])]
-    problem = Problem(model, ends, ends.duration, (0.01, 10.0), boundary_constraints=at_ends)
-    relaxed = optimise(problem, Mesh.even(1, 20, Collocation(2, "radau")), RELAXED, LINE)
+    relaxed = optimise(slide(model=model), even(20), RELAXED, LINE)
     assert optimise_switching_times(relaxed).objective == pytest.approx(SLIDE, abs=1e-9)
 
 
 def test_viscous_drag_is_itself_in_a_complementary_problem():
     """x'' = u - x', |u| <= 3: the shortest way, against the equation of the switching time."""
-    model = block(Viscous(1.0), force=3.0)
-    ends = Ends.of(model)
-    at_ends = [Constraint("start", ends.start, 0, 0), Constraint("end", ends.end, [1, 0], [1, 0])]
-    problem = Problem(model, ends, ends.duration, (0.01, 10.0), boundary_constraints=at_ends)
+    problem = slide(model=block(Viscous(1.0), force=3.0))
     found = optimise(problem, Mesh.even(2, 8, Collocation(3)), RELAXED, LINE)
 
     # v + x changes by 3 (t1 - t2); v' + v = +-3 solved on both parts
@@ -518,17 +502,8 @@ def test_the_fastest_pair_in_any_sizes(
 
 @pytest.mark.parametrize("size", [1e-6, 1e6])
 def test_the_nominal_size_of_an_objective_scales_and_does_not_change_it(size: float):
-    cart = block(Coulomb(1.0, 2.0), force=3.0)
-    ends = Ends.of(cart)
-    problem = Problem(
-        cart, ends, size * ends.duration, (0.1, 10.0), nominal=size,
-        boundary_constraints=[
-            Constraint("start", ends.start, 0, 0), Constraint("end", ends.end, [1, 0], [1, 0]),
-        ],
-    )  # fmt: skip
-    guess = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
-    slides = FixedModes(ModeSequence(((1,), (1,))))
-    found = optimise(problem, Mesh.even(2, 1, Collocation(2)), slides, guess)
+    problem, slides = slide(size=size), FixedModes(ModeSequence(((1,), (1,))))
+    found = optimise(problem, Mesh.even(2, 1, Collocation(2)), slides, LINE)
     assert found.objective == pytest.approx(size * math.sqrt(1.5), rel=1e-9)
     with pytest.raises(ValueError, match="nominal must be positive"):
         replace(problem, nominal=0.0)

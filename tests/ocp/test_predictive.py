@@ -120,33 +120,30 @@ def test_linearised_arcs_are_derivatives_of_solved_ones(k: int):
         assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(by_p.end[0, :, j], abs=1e-7)
 
 
+TASK, EVEN = problem_of(block(), 2.0), Mesh.even(1, 4, RADAU)
+
+
 @pytest.mark.parametrize(
     ("change", "mesh", "contact", "said"),
     [
+        (
+            {"path_constraints": [Constraint("way", TASK.model["position"], 0, 1)]},
+            EVEN,
+            Regularised(0.1),
+            "no limits along the way",
+        ),
+        ({"minimise": TASK.ends.end[0] ** 2}, EVEN, Regularised(0.1), "weighted sum of integrals"),
         ({}, Mesh(1, 4, RADAU), Regularised(0.1), "mesh with shares"),
-        ({"duration": (1.0, 2.0)}, Mesh.even(1, 4, RADAU), Regularised(0.1), "given duration"),
-        ({}, Mesh.even(1, 4, RADAU), Complementarity(0.1), "smooth contact"),
+        ({"duration": (1.0, 2.0)}, EVEN, Regularised(0.1), "given duration"),
+        ({}, EVEN, Complementarity(0.1), "smooth contact"),
         ({}, Mesh.even(1, 4, RADAU, input_degree=1), Regularised(0.1), "constant on each arc"),
     ],
 )
 def test_stages_refuse_what_they_cannot_hold(
     change: dict[str, Any], mesh: Mesh, contact: Any, said: str
 ):
-    problem = replace(problem_of(block(), 2.0), **change)
     with pytest.raises(ArgumentError, match=said):
-        Stages(Transcription(problem, mesh, contact))
-
-
-def test_stages_refuse_limits_along_the_way_and_costs_of_the_end():
-    model, mesh = block(), Mesh.even(1, 4, RADAU)
-    along = problem_of(model, 2.0, path_constraints=[Constraint("way", model["position"], 0, 1)])
-    with pytest.raises(ArgumentError, match="no limits along the way"):
-        Stages(Transcription(along, mesh, Regularised(0.1)))
-    plain = problem_of(model, 2.0)
-    with pytest.raises(ArgumentError, match="weighted sum of integrals"):
-        Stages(
-            Transcription(replace(plain, minimise=plain.ends.end[0] ** 2), mesh, Regularised(0.1))
-        )
+        Stages(Transcription(replace(TASK, **change), mesh, contact))
 
 
 # -- quadratic programs ----------------------------------------------------------------------------
@@ -375,11 +372,18 @@ def test_a_plan_that_is_not_found_says_what_to_change(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"horizon": 0}, {"steps": 0}, {"tolerance": 0.0}, {"tolerance": np.nan}]
+    ("make", "wrong"),
+    [
+        *((MpcOptions, {key: 0}) for key in ("horizon", "steps", "tolerance")),
+        (MpcOptions, {"tolerance": np.nan}),
+        (Estimation, {"names": ()}),
+        *((Estimation, {key: 0}) for key in ("window", "noise", "memory", "steps")),
+        (Estimation, {"spread": -1.0}),
+    ],
 )
-def test_decisions_refuse_nonsense(wrong: dict[str, Any]):
+def test_decisions_and_estimation_refuse_nonsense(make: Any, wrong: dict[str, Any]):
     with pytest.raises(ArgumentError):
-        MpcOptions(**wrong)
+        make(**wrong)
 
 
 # -- estimation ------------------------------------------------------------------------------------
@@ -450,15 +454,6 @@ def test_a_window_remembers_what_slid_out_of_it():
             found = estimator.see(row, *(states + noise)[k : k + 2])
         off[memory] = abs(float(found[chosen][0] / p[chosen][0] - 1))
     assert off[np.inf] < 0.05 < off[1e-3]
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [{"names": ()}, {"window": 0}, {"noise": 0.0}, {"spread": -1.0}, {"memory": 0}, {"steps": 0}],
-)
-def test_estimation_refuses_nonsense(wrong: dict[str, Any]):
-    with pytest.raises(ArgumentError):
-        Estimation(**wrong)
 
 
 def test_only_parameters_above_0_that_exist_are_estimated():

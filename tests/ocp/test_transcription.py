@@ -1,13 +1,15 @@
 """One transcription for any Model: exact optima, convergence, and bounds that hold inside arcs."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 
 from wormopt.model.friction import Coulomb
-from wormopt.model.model import Contact, Model, Signal
+from wormopt.model.model import Model, Signal
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.diagnostics import elastic
@@ -16,36 +18,29 @@ from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import finer
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.transcription import Transcription
+from wormopt.systems.block.block import block
 
 ROOT_ONE_AND_A_HALF = 1.224744871391589
+BLOCK = block(Coulomb(1.0, 2.0), force=3.0)
 
 
-def block(force: float = 3.0) -> Model:
-    """A block on dry ground, F+ = 1 and F- = 2, driven by a bounded force."""
-    x, v, u, f = (ca.SX.sym(name) for name in ("x", "v", "u", "f"))
-    return Model(
-        "block",
-        x=[Signal("position", x), Signal("velocity", v)],
-        ode=ca.vertcat(v, u + f),
-        u=[Signal("drive", u, lower=-force, upper=force)],
-        contacts=[Contact("sole", v, f, Coulomb(1.0, 2.0))],
-    )
+def from_to(
+    model: Model,
+    start: tuple[float, ...],
+    end: tuple[float, ...],
+    cost: Callable[[Ends], ca.SX] = lambda ends: ends.duration,
+    span: tuple[float, float] = (0.01, 10.0),
+    **more: Any,
+) -> Problem:
+    """Shortest or cheapest transfer; as many states are given as start and end are long."""
+    ends = Ends.of(model, int("integrands" in more))
+    given = {"start": (ends.start, start), "end": (ends.end, end)}
+    at_ends = [Constraint(n, all_[: len(v)], v, v) for n, (all_, v) in given.items() if v]
+    return Problem(model, ends, cost(ends), span, boundary_constraints=at_ends, **more)
 
 
-def fastest(model: Model, start: tuple[float, ...], end: tuple[float, float]) -> Problem:
-    """Time-optimal transfer; of the start as many states are given as ``start`` is long."""
-    ends = Ends.of(model)
-    begin = ends.start[: len(start)]
-    return Problem(
-        model,
-        ends,
-        ends.duration,
-        (0.01, 10.0),
-        boundary_constraints=[
-            Constraint("start", begin, start, start),
-            Constraint("end", ends.end, end, end),
-        ],
-    )
+def integral(ends: Ends) -> ca.SX:
+    return ends.integrals[0]
 
 
 def solved(program: Transcription, modes: list[int], speed: float = 0.5):
@@ -64,7 +59,7 @@ def solved(program: Transcription, modes: list[int], speed: float = 0.5):
     ],
 )
 def test_time_optimal_block_on_dry_ground_is_exact(start, end, modes, exact):
-    program = Transcription(fastest(block(), start, end), Mesh(len(modes), 2, Collocation(2)))
+    program = Transcription(from_to(BLOCK, start, end), Mesh(len(modes), 2, Collocation(2)))
     solution, _ = solved(program, modes, speed=0.0)
     assert solution.objective == pytest.approx(exact, abs=1e-9)
     assert solution.violation <= 1e-12
@@ -73,7 +68,7 @@ def test_time_optimal_block_on_dry_ground_is_exact(start, end, modes, exact):
 def test_a_sticking_contact_does_not_move_and_its_force_stays_in_the_interval():
     # the sticking mode itself says that it starts at rest: only the position is given
     program = Transcription(
-        fastest(block(), (0.0,), (1.0, 0.0)), Mesh(2, 2, Collocation(3), input_degree=1)
+        from_to(BLOCK, (0.0,), (1.0, 0.0)), Mesh(2, 2, Collocation(3), input_degree=1)
     )
     solution, _ = solved(program, [0, 1])
     arcs = program.unpack(solution.w)
@@ -90,24 +85,9 @@ def oscillator(scheme, degree: int, arcs: int) -> float:
     the cost is half of x_f' G^{-1} x_f.
     """
     x, v, u = (ca.SX.sym(name) for name in "xvu")
-    model = Model(
-        "oscillator",
-        x=[Signal("position", x), Signal("velocity", v)],
-        ode=ca.vertcat(v, u - x),
-        u=[Signal("drive", u)],
-    )
-    ends = Ends.of(model, 1)
-    problem = Problem(
-        model,
-        ends,
-        ends.integrals[0],
-        (1.0, 1.0),
-        integrands=u**2 / 2,
-        boundary_constraints=[
-            Constraint("start", ends.start, [0, 0], [0, 0]),
-            Constraint("end", ends.end, [1, 0], [1, 0]),
-        ],
-    )
+    states = [Signal("position", x), Signal("velocity", v)]
+    model = Model("oscillator", states, ca.vertcat(v, u - x), u=[Signal("drive", u)])
+    problem = from_to(model, (0, 0), (1, 0), integral, (1.0, 1.0), integrands=u**2 / 2)
     mesh = Mesh.even(1, int(arcs), Collocation(degree, scheme), degree - 1)
     program = Transcription(problem, mesh)
     bounds = program.bounds(ModeSequence(((),)))
@@ -131,23 +111,11 @@ def test_the_optimum_converges_at_the_order_of_the_scheme(scheme, order, most):
 def test_bounds_hold_inside_arcs_not_only_at_nodes():
     """A ball thrown up under a ceiling: with one arc the peak lies between all nodes."""
     y, v, u = (ca.SX.sym(name) for name in "yvu")
-    model = Model(
-        "ball",
-        x=[Signal("height", y), Signal("speed", v)],
-        ode=ca.vertcat(v, u - 1),
-        u=[Signal("gust", u, lower=0.0, upper=0.1)],
-    )
-    ends = Ends.of(model)
-    problem = Problem(
-        model,
-        ends,
-        -ends.duration,
-        (0.1, 10.0),
-        path_constraints=[Constraint("ceiling", y, upper=0.5)],
-        boundary_constraints=[
-            Constraint("start", ends.start[0], 0, 0),
-            Constraint("end", ends.end[0], 0, 0),
-        ],
+    states = [Signal("height", y), Signal("speed", v)]
+    model = Model("ball", states, ca.vertcat(v, u - 1), u=[Signal("gust", u, lower=0.0, upper=0.1)])
+    under = [Constraint("ceiling", y, upper=0.5)]
+    problem = from_to(
+        model, (0,), (0,), lambda ends: -ends.duration, (0.1, 10.0), path_constraints=under
     )
     program = Transcription(problem, Mesh(1, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((),)))
@@ -162,7 +130,7 @@ def test_bounds_hold_inside_arcs_not_only_at_nodes():
 
 
 def test_refining_a_mesh_keeps_the_motion():
-    problem = fastest(block(), (0.0, 0.0), (1.0, 0.0))
+    problem = from_to(BLOCK, (0.0, 0.0), (1.0, 0.0))
     coarse = Transcription(problem, Mesh(1, 2, Collocation(2)))
     solution, _ = solved(coarse, [1])
     mesh = Mesh(1, 6, Collocation(5), input_degree=3)
@@ -189,7 +157,7 @@ def test_arcs_are_split_by_what_they_err_at_the_order_of_the_scheme():
 
 
 def test_pack_is_the_inverse_of_unpack():
-    program = Transcription(fastest(block(), (0, 0), (1, 0)), Mesh(2, 3, Collocation(3), 1))
+    program = Transcription(from_to(BLOCK, (0, 0), (1, 0)), Mesh(2, 3, Collocation(3), 1))
     w = np.random.default_rng(0).normal(size=len(program.rest(np.ones(6), np.zeros(2))))
     bounds = program.bounds(ModeSequence(((1,), (1,))))
     again = program.pack(program.unpack(w), bounds)
@@ -201,16 +169,10 @@ def test_pack_is_the_inverse_of_unpack():
 
 def sized() -> Transcription:
     """Of a block whose position, velocity and time have nominal sizes other than 1."""
-    x, v, u, f = (ca.SX.sym(name) for name in ("x", "v", "u", "f"))
-    model = Model(
-        "block",
-        x=[Signal("position", x, nominal=5.0), Signal("velocity", v, nominal=0.2)],
-        ode=ca.vertcat(v, u + f),
-        u=[Signal("drive", u, lower=-3.0, upper=3.0)],
-        contacts=[Contact("sole", v, f, Coulomb(1.0, 2.0))],
-    )
-    problem = replace(fastest(model, (0.0, 0.0), (1.0, 0.0)), duration=(4.0, 6.0))
-    return Transcription(problem, Mesh(2, 2, Collocation(3), shares=(0.3, 0.7, 0.5, 0.5)))
+    states = [replace(s, nominal=size) for s, size in zip(BLOCK.x, (5.0, 0.2), strict=True)]
+    problem = from_to(replace(BLOCK, x=states), (0.0, 0.0), (1.0, 0.0))
+    mesh = Mesh(2, 2, Collocation(3), shares=(0.3, 0.7, 0.5, 0.5))
+    return Transcription(replace(problem, duration=(4.0, 6.0)), mesh)
 
 
 def test_a_worm_at_rest_rests_where_it_is_told_and_as_long():
@@ -398,11 +360,8 @@ def test_what_is_held_are_durations_alone():
 def test_nominal_sizes_are_what_a_variable_of_1_means():
     s = ca.SX.sym("s")
     problem = sized().problem
-    more = replace(
-        problem,
-        slacks=[Signal("worst", s, nominal=3.0)],
-        design=[Signal("pace", ca.SX.sym("c"), lower=0.0, upper=20.0, nominal=10.0)],
-    )
+    design = [Signal("pace", ca.SX.sym("c"), lower=0.0, upper=20.0, nominal=10.0)]
+    more = replace(problem, slacks=[Signal("worst", s, nominal=3.0)], design=design)
     program = Transcription(more, Mesh(1, 4, Collocation(3)))
     ones = program.unpack(np.ones(len(program.hold_durations())))
     extras = program.nominal_extras()
@@ -425,7 +384,7 @@ def test_states_have_their_rows():
 
 
 def test_rows_have_names_to_the_last():
-    program = Transcription(fastest(block(), (0.0, 0.0), (1.0, 0.0)), Mesh(2, 4, Collocation(2)))
+    program = Transcription(from_to(BLOCK, (0.0, 0.0), (1.0, 0.0)), Mesh(2, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((1,), (-1,))))
     names = [program.name_of(row) for row in range(len(bounds.lbg))]
     assert names[-4:] == ["start", "start", "end", "end"]
@@ -440,15 +399,11 @@ def test_a_constant_is_chosen_in_its_own_unit():
     x, c = ca.SX.sym("x"), ca.SX.sym("c")
     pace = Signal("pace", c, lower=0.0, upper=20.0, nominal=10.0)
     model = Model("cart", x=[Signal("position", x)], ode=c, p=[pace])
-    ends = Ends.of(model)
-    problem = Problem(
-        model,
-        ends,
-        (ends.end - 3) ** 2 + (c - 5) ** 2,
-        (1.0, 1.0),
-        boundary_constraints=[Constraint("start", ends.start, 0.0, 0.0)],
-        design=[pace],
-    )
+
+    def cost(ends: Ends) -> ca.SX:
+        return (ends.end - 3) ** 2 + (c - 5) ** 2
+
+    problem = from_to(model, (0,), (), cost, (1.0, 1.0), design=[pace])
     program = Transcription(problem, Mesh(1, 2, Collocation(2)))
     w = program.rest(np.full(2, 0.5), np.zeros(1))
     solution = program.nlp.solve(w, program.bounds(ModeSequence(((),))), Ipopt())
@@ -457,19 +412,10 @@ def test_a_constant_is_chosen_in_its_own_unit():
 
 
 def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
-    model = block()
-    ends = Ends.of(model)
-    problem = Problem(
-        model,
-        ends,
-        ca.SX(0),
-        (1.0, 1.0),
-        path_constraints=[Constraint("speed limit", model.x[1].symbol, -0.5, 0.5)],
-        boundary_constraints=[
-            Constraint("start", ends.start, [0, 0], [0, 0]),
-            Constraint("distance", ends.end[0], 2.0),
-        ],
-    )
+    slow = [Constraint("speed limit", BLOCK["velocity"], -0.5, 0.5)]
+    problem = from_to(BLOCK, (0, 0), (), lambda _: ca.SX(0), (1.0, 1.0), path_constraints=slow)
+    far = Constraint("distance", problem.ends.end[0], 2.0)
+    problem = replace(problem, boundary_constraints=[*problem.boundary_constraints, far])
     program = Transcription(elastic(problem), Mesh(1, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((1,),)))
     w = program.rest(np.full(4, 0.25), np.zeros(2))
@@ -482,7 +428,7 @@ def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
 
 
 def test_wrong_number_of_phases_is_refused():
-    program = Transcription(fastest(block(), (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
+    program = Transcription(from_to(BLOCK, (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
     with pytest.raises(ValueError, match="1 phases given, the mesh has 2"):
         program.bounds(ModeSequence(((1,),)))
 
@@ -490,24 +436,9 @@ def test_wrong_number_of_phases_is_refused():
 def test_a_model_may_depend_on_time_and_have_algebraic_equations():
     """x' = z with z = cos(2 t): the end is sin(2 T)/2 whatever the input does."""
     x, t, z, u = (ca.SX.sym(name) for name in ("x", "t", "z", "u"))
-    model = Model(
-        "clock",
-        x=[Signal("x", x)],
-        ode=z,
-        t=t,
-        z=[Signal("z", z)],
-        alg=z - ca.cos(2 * t),
-        u=[Signal("u", u)],
-    )
-    ends = Ends.of(model, 1)
-    problem = Problem(
-        model,
-        ends,
-        ends.integrals[0],
-        (1.5, 1.5),
-        integrands=(u - z) ** 2,
-        boundary_constraints=[Constraint("start", ends.start, 0, 0)],
-    )
+    states, alg = [Signal("x", x)], z - ca.cos(2 * t)
+    model = Model("clock", states, z, t=t, z=[Signal("z", z)], alg=alg, u=[Signal("u", u)])
+    problem = from_to(model, (0,), (), integral, (1.5, 1.5), integrands=(u - z) ** 2)
     program = Transcription(problem, Mesh.even(1, 6, Collocation(5), input_degree=4))
     bounds = program.bounds(ModeSequence(((),)))
     w = program.rest(np.full(6, 0.25), np.zeros(1))

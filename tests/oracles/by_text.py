@@ -1,7 +1,56 @@
-"""Small scenes of the kinds "track" and "simulate" as text, for tests to change."""
+"""Small scenes as text, for tests to change."""
 
 from pathlib import Path
 
+DESIGN = """
+schema = 1
+kind = "gait-design"
+[worm]
+links = 2
+mass = 1.0
+[gait]
+period = 1.0
+length = [0.7, 1.3]
+rate = 1.0
+acceleration = 20.0
+[objective]
+maximise = "speed"
+"""
+GAIT = """
+schema = 1
+kind = "gait"
+[worm]
+links = 2
+mass = 1.0
+[gait]
+shape = "block_wave"
+period = 1.0
+length = [0.7, 1.3]
+"""
+FAST = GAIT.replace("block_wave", "fast").replace("length = [0.7, 1.3]", "")
+FILE = FAST.replace('"fast"', '"file"').replace("period = 1.0", "")
+PARETO = DESIGN.replace("gait-design", "gait-pareto").replace(
+    '[objective]\nmaximise = "speed"', '[pareto]\nagainst = "peak_spike_load"'
+)
+SWINGING = """
+schema = 1
+kind = "harmonic-masses"
+[worm]
+masses = 2
+friction = { kind = "coulomb", forward = 0.1, backward = 0.2 }
+[[worm.harmonic]]
+amplitude = 1.0
+phase = [0, 180]
+"""
+MATERIAL = """
+schema = 1
+kind = "material"
+units = "SI"
+[material]
+field = 1.5e5
+u0 = 0.071
+youngs_modulus_eff = 1.6e4
+"""
 TRACK = """
 schema = 1
 kind = "track"
@@ -63,11 +112,12 @@ CHANCE = (
 )
 
 
-def write(folder: Path, text: str, own: str | None = None) -> Path:
-    (folder / "folder.py").mkdir(exist_ok=True)
+def write(folder: Path, text: str | bytes, own: str = OWN) -> Path:
+    for name in ("folder.py", "sub.csv"):
+        (folder / name).mkdir(exist_ok=True)
     (folder / "broken.py").write_text("x = 1\ndef build(:\n")
     (folder / "null.py").write_bytes(b"x = 1\0")
-    (folder / "own.py").write_text(OWN if own is None else own)
+    (folder / "own.py").write_text(own)
     path = folder / "scene.toml"
-    path.write_text(text)
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path

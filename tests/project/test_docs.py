@@ -63,12 +63,8 @@ def test_links_lead_somewhere(page: Path):
 
 def test_the_site_leads_to_every_page():
     named = set(re.findall(r"[\w/-]+\.md", (ROOT / ".mkdocs.yml").read_text(encoding="utf-8")))
-    pages = {
-        page.relative_to(DOCS).with_suffix(".md").as_posix()
-        for page in PAGES
-        if DOCS in page.parents
-    }
-    assert named == pages | {"gallery.md"}
+    pages = [page.relative_to(DOCS) for page in PAGES if DOCS in page.parents]
+    assert named == {page.with_suffix(".md").as_posix() for page in pages} | {"gallery.md"}
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.stem)
@@ -100,10 +96,8 @@ def test_commands_that_pages_name_exist(page: Path):
 
 def proofs() -> set[tuple[str, str]]:
     """Files and names of the tests that prove equations of our own expressions."""
-    files = [
-        *(ROOT / "tests/project").glob("test_equations_*.py"),
-        ROOT / "tests/systems/film/test_film_next_order.py",
-    ]
+    files = [*(ROOT / "tests/project").glob("test_equations_*.py")]
+    files += [ROOT / "tests/systems/film/test_film_next_order.py"]
     return {
         (file.name, node.name)
         for file in files
@@ -135,8 +129,7 @@ def test_every_equation_has_a_row_and_a_proof():
 
 def test_the_problem_of_the_readme_is_solved(capsys: pytest.CaptureFixture[str]):
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    (program,) = [
-        b for b in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "wo.Problem" in b
-    ]
+    programs = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (program,) = (program for program in programs if "wo.Problem" in program)
     exec(compile(program, "README.md", "exec"), {"__name__": "page", "wo": wo})
     assert float(capsys.readouterr().out.split()[0]) == pytest.approx(1.5**0.5, rel=1e-8)

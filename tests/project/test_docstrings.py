@@ -14,14 +14,12 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from hints import Patch
 from places import TESTS
 
 import wormopt
 
-MODULES = [
-    "wormopt",
-    *(info.name for info in pkgutil.walk_packages(wormopt.__path__, "wormopt.")),
-]
+MODULES = ["wormopt", *(info.name for info in pkgutil.walk_packages(wormopt.__path__, "wormopt."))]
 MODULES.remove("wormopt.__main__")
 # "module" -> examples of what it keeps for itself, by room.
 KEPT = {
@@ -62,25 +60,18 @@ def parameters(thing: Any) -> list[str]:
         names = inspect.signature(thing).parameters
     except ValueError:  # a class without a constructor of its own
         return []
-    return [
-        name
-        for name, parameter in names.items()
-        if name not in ("self", "cls")
-        and not name.startswith("_")
-        and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
-    ]
+    named = [n for n, p in names.items() if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+    return [name for name in named if name not in ("self", "cls") and not name.startswith("_")]
 
 
 def undescribed(module: ModuleType) -> list[str]:
     """The module and its public things, without those that have a docstring."""
     # A method may do what its base says it does; a class is another thing than its base.
-    told = {
-        f"{module.__name__}.{label}": thing.__doc__
-        if inspect.isclass(thing)
-        else inspect.getdoc(thing)
-        for label, thing in public_things(module)
-    }
-    return [name for name, text in {module.__name__: module.__doc__, **told}.items() if not text]
+    told = {module.__name__: module.__doc__}
+    for label, thing in public_things(module):
+        own = thing.__doc__ if inspect.isclass(thing) else inspect.getdoc(thing)
+        told[f"{module.__name__}.{label}"] = own
+    return [name for name, text in told.items() if not text]
 
 
 # All modules in one test, and all names in two: several hundred tests would take longer to be
@@ -143,21 +134,27 @@ def has_examples(name: str) -> bool:
     return found.origin is not None and ">>> " in Path(found.origin).read_text("utf-8")
 
 
+FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: Patch) -> None:
+    """Examples write into a folder that goes away."""
+    monkeypatch.chdir(tmp_path)
+    os.environ.setdefault("MPLBACKEND", "agg")
+
+
+@pytest.mark.usefixtures("elsewhere")
 @pytest.mark.parametrize("name", [name for name in MODULES if has_examples(name)])
-def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.chdir(tmp_path)
-    os.environ.setdefault("MPLBACKEND", "agg")
+def test_examples_run(name: str):
     module = importlib.import_module(name)
-    flags = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
-    assert doctest.testmod(module, optionflags=flags).failed == 0
+    assert doctest.testmod(module, optionflags=FLAGS).failed == 0
 
 
+@pytest.mark.usefixtures("elsewhere")
 @pytest.mark.parametrize("name", KEPT)
-def test_examples_of_internals_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.chdir(tmp_path)
-    os.environ.setdefault("MPLBACKEND", "agg")
+def test_examples_of_internals_run(name: str):
     names = dict(vars(importlib.import_module(name)))
-    flags = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
     examples = doctest.DocTestParser().get_doctest(KEPT[name], names, name, None, None)
     assert examples.examples
-    assert doctest.DocTestRunner(optionflags=flags).run(examples).failed == 0
+    assert doctest.DocTestRunner(optionflags=FLAGS).run(examples).failed == 0

@@ -8,8 +8,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import pytest
 import sympy as sp
+from hints import Patch
 from sympy import Rational as Q
 
 from tests.oracles.by_symbols import Symbols, unchecked, zero
@@ -326,7 +326,7 @@ def test_a_lying_body_is_pulled_by_the_flow_over_it():
 CENTRAL = ([1 / 12, -2 / 3, 0, 2 / 3, -1 / 12], [-1 / 6, 4 / 3, -1 / 6])
 
 
-def test_a_film_under_a_given_field_obeys_28_and_29(monkeypatch: pytest.MonkeyPatch):
+def test_a_film_under_a_given_field_obeys_28_and_29(monkeypatch: Patch):
     """Point by point: h_t = D (Q - h), Q = -F h³ / 3, F = W h_xxx + K_x, at any K_x and films.
 
     So steady films have Q - h = C, which is (28), and volume is kept. Differences are of order

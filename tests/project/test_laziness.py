@@ -31,33 +31,24 @@ def modules_after(*codes: str) -> list[set[str]]:
     return [set(json.loads(line)) for line in done.stdout.splitlines()]
 
 
+CHECKED = (
+    "design_fast_gait", "fig05_lambda_trackers", "own_model random_links", "fig12_stress_strain",
+    "film_field fig27_float", "three_masses_harmonic", "film_forward", "prototype_steps",
+    "linear_chain", "fit_chain", "film_wave_design", "coil_row_inverse", "fig20_capsule",
+)  # fmt: skip
+HELPED = ("", "run ", "export ", "plot ", "sweep ", "report ")
+COMMANDS = {  # and their exit codes
+    "list": 0, "export nothing": 2, "check no_such_scene": 2, "run no_such_scene": 2,
+    **{f"{verb}--help": 0 for verb in HELPED}, **{f"check {scenes}": 0 for scenes in CHECKED},
+}  # fmt: skip
 LIGHT = [
     "import wormopt",
-    "from wormopt.cli import main; main(['--help'])",
-    "from wormopt.cli import main; main(['run', '--help'])",
-    "from wormopt.cli import main; main(['export', '--help'])",
-    "from wormopt.cli import main; assert main(['export', 'nothing']) == 2",
-    "from wormopt.cli import main; main(['plot', '--help'])",
-    "from wormopt.cli import main; main(['sweep', '--help'])",
-    "from wormopt.cli import main; main(['report', '--help'])",
-    "from wormopt.cli import main; assert main(['list']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'design_fast_gait']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'no_such_scene']) == 2",
-    "from wormopt.cli import main; assert main(['run', 'no_such_scene']) == 2",
     "import wormopt as wo; wo.load_scene('pareto_speed_load')",
-    "from wormopt.cli import main; assert main(['check', 'fig05_lambda_trackers']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'own_model', 'random_links']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'fig12_stress_strain']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'film_field', 'fig27_float']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'three_masses_harmonic']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'film_forward']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'prototype_steps']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'linear_chain']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'fit_chain']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'film_wave_design']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'coil_row_inverse']) == 0",
-    "from wormopt.cli import main; assert main(['check', 'fig20_capsule']) == 0",
     "import wormopt as wo; wo.load_scene('prototype_steps', {'gait.rest_length': '0.1 m'})",
+    *(
+        f"from wormopt.cli import main; assert main({command.split()}) == {code}"
+        for command, code in COMMANDS.items()
+    ),
 ]
 
 
@@ -146,23 +137,26 @@ def among(names: set[str], loaded: set[str]) -> set[str]:
     return names & loaded
 
 
-def test_a_kinematic_scene_loads_no_nonlinear_programming():
-    loaded = loaded_by("fast_gait")
-    assert not within("wormopt.ocp", loaded)
-    assert "casadi" not in loaded
-    assert not among({"wormopt.systems.spiked.search.search"}, loaded)
+NO_SOLVER = "casadi scipy.optimize scipy.integrate matplotlib"
 
 
-@pytest.mark.parametrize("name", ["fig12_stress_strain", "fig15_film_flow"])
-def test_a_material_and_a_film_load_no_solver(name: str):
+@pytest.mark.parametrize(
+    ("name", "unwanted", "rooms"),
+    [
+        ("fig12_stress_strain", NO_SOLVER, ""),
+        ("fig15_film_flow", NO_SOLVER, ""),
+        ("travelling_field", "casadi matplotlib", "wormopt.ocp"),
+        ("prototype_steps", "casadi matplotlib", ""),
+        ("fast_gait", "casadi matplotlib rich wormopt.systems.spiked.search.search", "wormopt.ocp"),
+        # programs of a design are linear, one by one
+        ("design_fast_gait", "casadi wormopt.ocp.nlp", ""),
+    ],
+)
+def test_a_scene_loads_no_more_than_it_needs(name: str, unwanted: str, rooms: str):
     loaded = loaded_by(name)
-    assert not among({"casadi", "scipy.optimize", "scipy.integrate", "matplotlib"}, loaded)
-
-
-def test_a_switched_row_loads_no_casadi():
-    loaded = loaded_by("travelling_field")
-    assert not among({"casadi", "matplotlib"}, loaded)
-    assert not within("wormopt.ocp", loaded)
+    assert not among({*unwanted.split()}, loaded)
+    assert not any(within(room, loaded) for room in rooms.split())
+    assert ("wormopt.systems.spiked.search.search" in loaded) is (name == "design_fast_gait")
 
 
 def test_a_kinematic_scene_loads_no_compiled_simulation():
@@ -185,23 +179,6 @@ def test_a_compiled_simulation_loads_no_integrator_of_scipy(name: str):
     assert not within("wormopt.ocp", loaded)
 
 
-def test_a_design_loads_no_nonlinear_programming():
-    loaded = loaded_by("design_fast_gait")
-    assert "wormopt.systems.spiked.search.search" in loaded
-    assert not among({"casadi", "wormopt.ocp.nlp"}, loaded)  # programs are linear, one by one
-
-
-def test_step_commands_load_no_casadi():
-    loaded = loaded_by("prototype_steps")
-    assert not among({"casadi", "matplotlib"}, loaded)
-
-
-def test_a_run_without_plots_loads_no_matplotlib():
-    loaded = loaded_by("fast_gait")
-    assert "matplotlib" not in loaded
-    assert "rich" not in loaded
-
-
 @cache
 def loaded_with_pictures() -> set[str]:
     """Modules loaded by a design of all orders that draws."""
@@ -213,7 +190,7 @@ def loaded_with_pictures() -> set[str]:
 def test_a_plain_run_loads_no_cluster_no_report_no_sweep():
     loaded = loaded_with_pictures()
     assert not among({"dask", "distributed", "filelock", "pandas", "xarray"}, loaded)
-    for room in ("wormopt.sweeps", "wormopt.reports", "wormopt.exports"):
+    for room in ("wormopt.families", "wormopt.reports", "wormopt.exports"):
         assert not within(room, loaded), room
 
 

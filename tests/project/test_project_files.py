@@ -61,9 +61,8 @@ def test_the_recipe_has_the_version_and_the_dependencies_of_the_package():
 
 def test_tables_of_xarray_and_pandas_have_an_extra():
     extras = project()["optional-dependencies"]
-    assert set(extras["data"]) == {
-        line for line in extras["test"] if line.startswith(("pandas", "xarray"))
-    }
+    needed = {line for line in extras["test"] if line.startswith(("pandas", "xarray"))}
+    assert set(extras["data"]) == needed
 
 
 @pytest.mark.parametrize("name", ["bug", "wrong_number", "new_kind"])

@@ -44,10 +44,7 @@ def pictures(book: Any) -> int:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
-@pytest.mark.parametrize(
-    "name",
-    [path.stem for path in sorted(TUTORIALS.glob("*.ipynb"))],
-)
+@pytest.mark.parametrize("name", [path.stem for path in sorted(TUTORIALS.glob("*.ipynb"))])
 def test_a_tutorial_runs_and_shows_what_its_page_says(name: str, tmp_path: Path):
     nbformat, nbclient = (pytest.importorskip(name) for name in ("nbformat", "nbclient"))
     kept, book = (nbformat.read(TUTORIALS / f"{name}.ipynb", as_version=4) for _ in range(2))

@@ -19,6 +19,8 @@ class Whole(HTMLParser):
         self.open: list[str] = []
         self.ids: list[str] = []
         self.names: Counter[str] = Counter()
+        self.attributes: set[str] = set()
+        self.holders: set[str] = set()
         self.words: list[str] = []
         self.feed(text)
         self.close()
@@ -28,6 +30,7 @@ class Whole(HTMLParser):
         self.names[tag] += 1
         assert all(not name.startswith("on") for name, _ in attrs), attrs
         assert all(count == 1 for count in Counter(name for name, _ in attrs).values())
+        self.attributes |= {name for name, _ in attrs}
         self.ids += [value or "" for name, value in attrs if name == "id"]
         if tag not in VOID:
             self.open.append(tag)
@@ -41,6 +44,7 @@ class Whole(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
+        self.holders |= {*self.open[-1:]} if data.strip() else set()
         if not {"script", "style"} & {*self.open}:
             self.words.append(data)
 

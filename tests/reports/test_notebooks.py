@@ -1,11 +1,11 @@
 """What a notebook shows: a line or two, a table that no text can break, a picture."""
 
-from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from report_pages import Whole
 
 import wormopt as wo
 from wormopt.quantities import Scalar, Variable
@@ -14,54 +14,21 @@ from wormopt.shown import brief, line
 from wormopt.systems.block.block import block
 
 HOSTILE = '<script>alert("λ")</script>\n\x1b[31m & </table>'
-VOID = {"br", "hr", "img"}
-
-
-class Reader(HTMLParser):
-    """Reads a table: nesting, texts, and every tag and attribute."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.open: list[str] = []
-        self.tags: set[str] = set()
-        self.attributes: set[str] = set()
-        self.texts: list[str] = []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.open += [tag] * (tag not in VOID)
-        self.tags.add(tag)
-        self.attributes |= {name for name, _ in attrs}
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        assert not data.strip() or self.open[-1] in ("td", "th", "b", "i")
-        self.texts.append(data)
 
 
 def hostile() -> Result:
     time = Variable("time", "s", ("time",), np.linspace(0, 1, 5000), "time")
     many = {f"number_{k}": Scalar(k / 3, "m") for k in range(60)}
     words = {HOSTILE: Scalar(HOSTILE), "much": Scalar(list(range(5000))), "lost": Scalar(None)}
-    return Result(
-        HOSTILE,
-        "gait",
-        title=HOSTILE,
-        status="failed",
-        reason=HOSTILE * 20,
-        scalars=words | many,
-        variables=(time,),
-        trust={
-            "warnings": [HOSTILE],
-            "checks": {HOSTILE: Check(HOSTILE, 2.0, 1.0, HOSTILE).found()},
-            "recheck": {"route": HOSTILE, "error": 1.0},
-            "violations": {HOSTILE: 1.0},
-        },
-        attributes={"trackers": [HOSTILE] * 3},
-    )
+    trust = {
+        "warnings": [HOSTILE],
+        "checks": {HOSTILE: Check(HOSTILE, 2.0, 1.0, HOSTILE).found()},
+        "recheck": {"route": HOSTILE, "error": 1.0},
+        "violations": {HOSTILE: 1.0},
+    }
+    more: dict[str, Any] = {"trust": trust, "attributes": {"trackers": [HOSTILE] * 3}}
+    more |= {"status": "failed", "reason": HOSTILE * 20, "scalars": words | many}
+    return Result(HOSTILE, "gait", title=HOSTILE, variables=(time,), **more)
 
 
 def optimum() -> wo.Optimum:
@@ -79,33 +46,24 @@ def optimum() -> wo.Optimum:
 @pytest.fixture(scope="module")
 def things() -> dict[str, Any]:
     """One of everything that a notebook shows."""
-    design = wo.design(
-        wo.Worm(links=1, load=5.0),
-        wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0),
-    )
-    proof = wo.certify(design)
-    model = wo.chain(
-        40,
-        mass=1.0,
-        stiffness=50.0,
-        damping=1.0,
-        rest_length=1.0,
-        law=wo.Coulomb(1.0, 2.0),
-        velocity=1.0,
-    )
+    limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    design = wo.design(wo.Worm(links=1, load=5.0), limits)
+    proof, result = wo.certify(design), wo.run("fast_gait")
+    springs = {"stiffness": 50.0, "damping": 1.0, "rest_length": 1.0}
+    model = wo.chain(40, mass=1.0, **springs, law=wo.Coulomb(1.0, 2.0), velocity=1.0)
     found = optimum()
     return {
         "hostile result": hostile(),
         "empty result": Result("nothing", "gait"),
-        "result": wo.run("fast_gait"),
+        "result": result,
         "scene": wo.load_scene("design_fast_gait"),
         "design": design,
         "certified": proof,
         "certificate": proof.certificate,
         "sensitivities": wo.sensitivities(design),
         "sensitivity": wo.sensitivities(design)[0],
-        "trust": wo.run("fast_gait").trust,
-        "variable": wo.run("fast_gait")["length"],
+        "trust": result.trust,
+        "variable": result["length"],
         "gait": design.gait,
         "linear": wo.linearise(model, output="length", v_reg=0.1),
         "crawl": design.motion,
@@ -157,20 +115,21 @@ def test_a_repr_is_a_line_or_two(things: dict[str, Any], name: str):
 )  # fmt: skip
 def test_a_table_is_whole_and_harmless(things: dict[str, Any], name: str):
     text = things[name]._repr_html_()
-    read = Reader(text)
-    assert read.open == []
-    assert read.tags == {"table", "caption", "b", "tr", "td"} | read.tags & {"th", "i"}
+    read = Whole(text)
+    tags = {*read.names}
+    assert tags == {"table", "caption", "b", "tr", "td"} | tags & {"th", "i"}
     assert read.attributes <= {"style", "colspan"}
+    assert read.holders <= {"td", "th", "b", "i"}
     assert len(text) < 30_000
     assert "#" not in text.partition(">")[0]  # no colour of its own, for light pages or dark
 
 
 def test_texts_stand_in_a_table_as_they_are():
-    read = Reader(hostile()._repr_html_())
+    read = Whole(hostile()._repr_html_())
     assert "<script" not in hostile()._repr_html_()
-    assert HOSTILE in read.texts  # the title
-    assert "unknown" in read.texts
-    assert any(text.endswith("…], 5000 in all") for text in read.texts)
+    assert HOSTILE in read.words  # the title
+    assert "unknown" in read.words
+    assert any(text.endswith("…], 5000 in all") for text in read.words)
 
 
 @pytest.mark.parametrize("picture", ["gait", "motion", "spikes"])
@@ -205,9 +164,6 @@ def test_values_in_short(value: Any, shown: str):
 
 def test_a_line_holds_no_control_characters():
     assert line("a\x1b[31m\n\tb\u202e") == "a [31m b"
-
-
-# -- pictures ------------------------------------------------------------------------------------
 
 
 def test_a_result_draws_what_its_scene_wants_first(things: dict[str, Any]):
@@ -250,9 +206,6 @@ def test_signals_are_drawn_by_name(things: dict[str, Any]):
         things["motion"].plot("nonsense")
 
 
-# -- a notebook ----------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_a_notebook_runs():
@@ -266,7 +219,7 @@ def test_a_notebook_runs():
     book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
     nbclient.NotebookClient(book, timeout=120, kernel_name="python3").execute()
     shown = [cell.outputs[-1].data for cell in book.cells]
-    assert Reader(shown[0]["text/html"]).texts[0] == "Fast gait (15) of a three-mass worm"
+    assert Whole(shown[0]["text/html"]).words[0] == "Fast gait (15) of a three-mass worm"
     assert shown[0]["text/plain"].startswith("Result of fast_gait (gait): ok")
     assert "image/png" in shown[1]
     assert "length_0" in shown[2]["text/plain"]

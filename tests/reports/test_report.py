@@ -2,14 +2,17 @@
 
 import base64
 import dataclasses
+import hashlib
 import html
 import json
+import os
 import re
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hints import Capture, Patch
 from report_pages import Whole, page_of
 
 import wormopt as wo
@@ -142,9 +145,8 @@ def test_an_angle_is_shown_as_it_was_typed(tmp_path: Path):
         assert f'aria-label="worm.slope = {told}: 0.25"' in page_of(swept, tmp_path)
         (drawn,) = swept.plot().axes
         assert drawn.get_xlabel() == f"worm.slope ({told.split()[1]})"
-        assert np.asarray(drawn.lines[0].get_xdata())[-1] == pytest.approx(
-            float(told.split()[0]), rel=1e-5
-        )
+        end = np.asarray(drawn.lines[0].get_xdata())[-1]
+        assert end == pytest.approx(float(told.split()[0]), rel=1e-5)
 
 
 def test_results_of_different_kinds_share_what_they_share(gait: Result, tmp_path: Path):
@@ -162,20 +164,14 @@ def test_a_result_with_nothing_in_it_has_a_page(tmp_path: Path):
 # Whole, safe, small ------------------------------------------------------------------------------
 
 
-def pages(gait: Result, uphill: Result, sweep: Path, folder: Path) -> dict[str, str]:
-    return {
-        "one": page_of(gait, folder),
-        "two": page_of([uphill, uphill], folder),
-        "sweep": page_of(sweep, folder),
-    }
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("painted")
 def test_pages_are_well_formed_and_every_link_leads_somewhere(
     gait: Result, uphill: Result, sweep: Path, tmp_path: Path
 ):
-    for name, page in pages(gait, uphill, sweep, tmp_path).items():
+    shown = {"one": gait, "two": [uphill, uphill], "sweep": sweep}
+    for name, results in shown.items():
+        page = page_of(results, tmp_path)
         whole = Whole(page)
         twice = [one for one, count in Counter(whole.ids).items() if count > 1]
         assert twice == [], name
@@ -190,17 +186,12 @@ def test_pages_are_well_formed_and_every_link_leads_somewhere(
 
 def test_hostile_texts_are_shown_and_not_obeyed(gait: Result, tmp_path: Path):
     hostile = dataclasses.replace(
-        gait,
-        scene=HOSTILE,
-        title=HOSTILE,
-        status="failed",
-        reason=HOSTILE,
+        gait, scene=HOSTILE, title=HOSTILE, status="failed", reason=HOSTILE,
         scalars={HOSTILE: Scalar(1.0, HOSTILE), **gait.scalars},
         trust={"warnings": [HOSTILE], HOSTILE: {HOSTILE: HOSTILE}, "recheck": {"route": HOSTILE}},
-        timings_s={HOSTILE: 1.0},
+        timings_s={HOSTILE: 1.0}, attributes={"trackers": [HOSTILE]},
         scene_text=json.dumps({"kind": "gait", HOSTILE: HOSTILE, "worm": {"mass": HOSTILE}}),
-        attributes={"trackers": [HOSTILE]},
-    )
+    )  # fmt: skip
     plain, page = page_of(gait, tmp_path), page_of([hostile, hostile], tmp_path, title=HOSTILE)
     assert Whole(page).names["script"] == Whole(plain).names["script"] + 1  # one worm more
     assert Whole(page).names["img"] == 0
@@ -252,9 +243,7 @@ def test_many_large_results_stay_within_a_mail(gait: Result, tmp_path: Path):
     assert "is left out for want of room" in page
 
 
-def test_what_does_not_fit_a_mail_is_refused(
-    gait: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_what_does_not_fit_a_mail_is_refused(gait: Result, tmp_path: Path, monkeypatch: Patch):
     monkeypatch.setattr("wormopt.reports.report.LARGEST", 20_000)
     with pytest.raises(wo.ArgumentError, match="by mail; report fewer results"):
         wo.report(gait, tmp_path / "large.html")
@@ -272,7 +261,7 @@ def test_a_picture_that_fails_costs_no_page(gait: Result, tmp_path: Path):
 # Commands ----------------------------------------------------------------------------------------
 
 
-def test_the_command_writes_a_page(gait: Result, tmp_path: Path, capsys: pytest.CaptureFixture):
+def test_the_command_writes_a_page(gait: Result, tmp_path: Path, capsys: Capture):
     gait.save(tmp_path)
     out = tmp_path / "new" / "page.html"
     assert main(["report", str(tmp_path), "-o", str(out), "--title", "Mine & yours"]) == 0
@@ -281,7 +270,7 @@ def test_the_command_writes_a_page(gait: Result, tmp_path: Path, capsys: pytest.
     assert [path.name for path in out.parent.iterdir()] == ["page.html"]
 
 
-def test_nothing_is_written_over(gait: Result, tmp_path: Path, capsys: pytest.CaptureFixture):
+def test_nothing_is_written_over(gait: Result, tmp_path: Path, capsys: Capture):
     gait.save(tmp_path)
     out = tmp_path / "page.html"
     out.write_text("mine")
@@ -305,9 +294,7 @@ def test_nothing_is_written_over(gait: Result, tmp_path: Path, capsys: pytest.Ca
         ("notes.txt", "is no result of wormopt"),
     ],
 )
-def test_what_is_no_result_is_refused(
-    given: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture
-):
+def test_what_is_no_result_is_refused(given: str, says: str, tmp_path: Path, capsys: Capture):
     (tmp_path / "empty").mkdir()
     (tmp_path / "broken.nc").write_bytes(b"CDF\x02" + bytes(40))
     (tmp_path / "notes.txt").write_text("notes")
@@ -319,9 +306,7 @@ def test_what_is_no_result_is_refused(
     assert not (tmp_path / "p.html").exists()
 
 
-def test_where_no_page_can_be_is_refused(
-    gait: Result, tmp_path: Path, capsys: pytest.CaptureFixture
-):
+def test_where_no_page_can_be_is_refused(gait: Result, tmp_path: Path, capsys: Capture):
     gait.save(tmp_path)
     for out, says in ((tmp_path, "is a folder"), (tmp_path / "result.nc" / "p", "cannot be")):
         assert main(["report", str(tmp_path), "-o", str(out)]) == 2
@@ -335,8 +320,6 @@ def test_no_result_is_no_page(tmp_path: Path):
 
 
 def test_the_version_and_the_date_are_those_of_the_file(gait: Result, tmp_path: Path):
-    import os
-
     gait.save(tmp_path)
     file = tmp_path / "result.nc"
     data = file.read_bytes()
@@ -350,8 +333,6 @@ def test_the_version_and_the_date_are_those_of_the_file(gait: Result, tmp_path: 
 
 
 def test_the_script_of_the_page_is_the_one_allowed(gait: Result, tmp_path: Path):
-    import hashlib
-
     page = page_of(gait, tmp_path)
     (script,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

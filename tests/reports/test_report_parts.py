@@ -19,15 +19,14 @@ from wormopt.cli import main
 from wormopt.quantities import Variable
 from wormopt.reports.parts import marked, number, unit_text
 from wormopt.reports.report import LARGEST
-from wormopt.reports.sweep import ink_on, shade
+from wormopt.reports.source import Source, keys_set
+from wormopt.reports.sweep import grid_of, ink_on, shade
 from wormopt.reports.worm import moving
 from wormopt.result import Result
 from wormopt.study import packaged_scenes
 from wormopt.study.toml import toml_text
 
 pytestmark = pytest.mark.usefixtures("unpainted")
-
-# The parts ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -84,9 +83,8 @@ def test_a_packaged_scene_written_as_toml_is_the_scene(name: str, tmp_path: Path
 
 
 def test_the_scene_of_the_page_can_be_run_again(gait: Result, tmp_path: Path):
-    name, link = re.findall(
-        r'download="([^"]+)" href="data:application/toml;base64,([^"]+)"', page_of(gait, tmp_path)
-    )[0]
+    sought = r'download="([^"]+)" href="data:application/toml;base64,([^"]+)"'
+    name, link = re.findall(sought, page_of(gait, tmp_path))[0]
     (tmp_path / name).write_bytes(base64.b64decode(link))
     again = wo.load_scene(tmp_path / name)
     assert again.text == gait.scene_text
@@ -95,15 +93,14 @@ def test_the_scene_of_the_page_can_be_run_again(gait: Result, tmp_path: Path):
 
 @pytest.mark.parametrize("name", ["design_fast_gait", "fig05_lambda_trackers", "spiked_chain"])
 def test_the_keys_listed_are_those_that_the_file_sets(name: str, tmp_path: Path):
-    from wormopt.reports.source import keys_set
-
     scene = wo.load_scene(name)
     raw = tomllib.loads(packaged_scenes()[name].read_text("utf-8"))
     in_file = {path for path, _ in leaves(raw)} - {"schema", "kind", "title", "units", "want"}
     listed = {key.path: key.value for key in keys_set(scene.table.kind, json.loads(scene.text))}
     assert {*listed} <= in_file | {path for path in listed if path.endswith(".kind")}
     for path in in_file - {*listed}:  # set, but to what it is anyway
-        shorter = write(shorter_scene(raw, path), tmp_path)
+        shorter = tmp_path / "scene.toml"
+        shorter.write_text(toml_text(shorter_scene(raw, path)), "utf-8")
         assert wo.load_scene(shorter).text == scene.text, path
 
 
@@ -127,12 +124,6 @@ def shorter_scene(raw: dict[str, Any], path: str) -> dict[str, Any]:
     return copy
 
 
-def write(raw: dict[str, Any], folder: Path) -> Path:
-    path = folder / "scene.toml"
-    path.write_text(toml_text(raw), "utf-8")
-    return path
-
-
 def test_what_is_written_on_a_map_can_be_read():
     def light(colour: str) -> float:
         parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
@@ -146,9 +137,6 @@ def test_what_is_written_on_a_map_can_be_read():
         ink = {"#000": 0.0, "#fff": 1.0}[ink_on(shade(share))]
         dark, bright = sorted((ink, light(shade(share))))
         assert (bright + 0.05) / (dark + 0.05) >= 4.5  # WCAG 2, level AA
-
-
-# The motion --------------------------------------------------------------------------------------
 
 
 def test_a_gait_is_shown_for_two_cycles(gait: Result):
@@ -230,15 +218,10 @@ def test_an_unfinished_motion_is_shown_as_far_as_it_came():
     position = np.vstack([np.arange(6.0), np.arange(6.0) - 1])
     position[:, 4:] = np.nan
     time = Variable("time", "1", ("time",), np.arange(6.0))
-    shown = moving(
-        Result("part", "track",
-               variables=(time, Variable("position", "1", ("mass", "time"), position)))
-    )  # fmt: skip
+    places = Variable("position", "1", ("mass", "time"), position)
+    shown = moving(Result("part", "track", variables=(time, places)))
     assert shown is not None
     assert shown.time[-1] == 3
-
-
-# Sweeps ------------------------------------------------------------------------------------------
 
 
 def test_a_sweep_is_a_map_of_its_points(sweep: Path, tmp_path: Path):
@@ -314,12 +297,10 @@ def grid_result(shape: tuple[int, ...]) -> Result:
     dims = tuple(f"d{k}" for k in range(len(shape)))
     axes = [Variable(d, "1", (d,), np.arange(1.0, n + 1)) for d, n in zip(dims, shape, strict=True)]
     values = np.linspace(0, 1, int(np.prod(shape))).reshape(shape)
-    return Result(
-        "grid", "sweep",
-        variables=(*axes, Variable("speed", "m s-1", dims, values),
-                   Variable("status", "1", dims, np.zeros(shape, int))),
-        attributes={"axes": [{"key": f"worm.{d}", "dim": d} for d in dims]},
-    )  # fmt: skip
+    axes += [Variable("speed", "m s-1", dims, values),
+             Variable("status", "1", dims, np.zeros(shape, int))]  # fmt: skip
+    over = [{"key": f"worm.{d}", "dim": d} for d in dims]
+    return Result("grid", "sweep", variables=tuple(axes), attributes={"axes": over})
 
 
 def test_a_large_sweep_stays_within_a_mail(tmp_path: Path):
@@ -329,13 +310,9 @@ def test_a_large_sweep_stays_within_a_mail(tmp_path: Path):
 
 
 def test_points_are_read_from_the_folder_of_the_sweep_only(sweep: Path, tmp_path: Path):
-    from wormopt.reports.source import Source
-    from wormopt.reports.sweep import grid_of
-
     result = Result.load(sweep)
-    names = [
-        f"../{sweep.name}/points/{name}" if name else None for name in result.attributes["points"]
-    ]
+    points = result.attributes["points"]
+    names = [f"../{sweep.name}/points/{name}" if name else None for name in points]
     inside = [file for file in grid_of(Source(result, folder=sweep)).files if file]
     assert len(inside) == 7
     away = dataclasses.replace(result, attributes={**result.attributes, "points": names})

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hints import Capture, Patch
 from places import ROOT, SAVED
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.digest import groups, headline, trust
+from wormopt.kinds import KINDS
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
 
@@ -23,18 +25,12 @@ def made(**given: Any) -> Result:
 
 def rows(result: Result) -> dict[str, dict[str, tuple[str, ...]]]:
     """Groups of a result by heading: name, then value and remark."""
-    return {
-        part.heading: {row[0]: tuple(row[1:]) for row in part.rows}
-        for part in groups(result)
-        if part.rows
-    }
+    shown = [part for part in groups(result) if part.rows]
+    return {part.heading: {row[0]: tuple(row[1:]) for row in part.rows} for part in shown}
 
 
 def numbers(**values: Any) -> dict[str, Scalar]:
     return {name: Scalar(value) for name, value in values.items()}
-
-
-# -- groups --------------------------------------------------------------------------------------
 
 
 def test_what_was_asked_for_comes_first_and_effort_not_at_all():
@@ -53,8 +49,6 @@ def test_a_kind_says_what_comes_first():
 
 
 def test_every_kind_names_scalars_that_it_declares():
-    from wormopt.kinds import KINDS
-
     tables = [kind.load() for kind in KINDS.values()]
     assert sum(len(table.headline) > 0 for table in tables) >= 10
     for table in tables:
@@ -83,16 +77,9 @@ def test_the_entries_of_lists_are_named():
     assert rows(result)[""] == {"rivals": ("[LQR, tracker]", "")}
 
 
-# -- limits --------------------------------------------------------------------------------------
-
-
 def test_limits_are_sorted_by_what_they_are_worth():
-    known = {
-        "objective": "speed",
-        "name": ["gait.length", "gait.rate", "worm.mass"],
-        "value": [1.0, 2.0, 3.0],
-        "unit": ["m", "m s-1", "kg"],
-    }
+    known = {"objective": "speed", "name": ["gait.length", "gait.rate", "worm.mass"],
+             "value": [1.0, 2.0, 3.0], "unit": ["m", "m s-1", "kg"]}  # fmt: skip
     share = Variable("limit_elasticity", "1", ("limit",), np.array([0.0, 0.25, -0.5]))
     result = made(
         scalars=numbers(speed=1.0, rate_limit=2.0) | {"sensitivity.gait.rate": Scalar(0.125)},
@@ -135,19 +122,14 @@ def test_the_derivatives_of_a_design_are_told_in_per_cent():
     assert ("gait.rate", "1", "+0.789 %") in limits.rows
 
 
-# -- trust ---------------------------------------------------------------------------------------
-
-
 def test_trust_is_told_in_three_lines():
     checks = [Check("defect", 2e-10, 1e-9), Check("bound", -9e-8, 1e-7), Check("count", 0, 0)]
-    result = made(
-        trust={
-            "checks": {check.name: check.found() for check in checks},
-            "recheck": [{"route": "cvodes", "error": 1e-9}, {"route": "idas", "error": -2e-9}],
-            "warnings": ["one thing", "another"],
-        }
-    )
-    assert list(trust(result)) == [
+    told = {
+        "checks": {check.name: check.found() for check in checks},
+        "recheck": [{"route": "cvodes", "error": 1e-9}, {"route": "idas", "error": -2e-9}],
+        "warnings": ["one thing", "another"],
+    }
+    assert list(trust(made(trust=told))) == [
         "ok; the worst of 3 checks, bound, is -9e-08, 90 % of the 1e-07 accepted",
         "second route: cvodes, idas, differs by 2e-09",
         "2 warnings: one thing; another",
@@ -178,7 +160,7 @@ def test_a_failure_says_why_and_nothing_to_tell_is_told():
 
 
 @pytest.mark.parametrize("file", sorted(SAVED.glob("*.nc")), ids=lambda file: file.stem)
-def test_results_of_all_kinds_are_shown(file: Path, capsys: pytest.CaptureFixture[str]):
+def test_results_of_all_kinds_are_shown(file: Path, capsys: Capture):
     assert main(["show", str(file)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == Result.load(file).title
@@ -188,11 +170,8 @@ def test_results_of_all_kinds_are_shown(file: Path, capsys: pytest.CaptureFixtur
     assert len(capsys.readouterr().out.splitlines()) > len(lines) / 2
 
 
-# -- the command ---------------------------------------------------------------------------------
-
-
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: Patch) -> Path:
     monkeypatch.chdir(tmp_path)
     there = tmp_path / "results" / "walk"
     there.mkdir(parents=True)
@@ -200,7 +179,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return there
 
 
-def test_run_prints_what_show_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_run_prints_what_show_prints(tmp_path: Path, capsys: Capture):
     out = tmp_path / "out"
     for flag in ([], ["--all"]):
         assert main(["run", "fast_gait", "--no-plots", "-o", str(out), "--quiet", *flag]) == 0
@@ -212,7 +191,7 @@ def test_run_prints_what_show_prints(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert ("Checks:" in ran) is bool(flag)
 
 
-def test_several_results_and_json(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_several_results_and_json(folder: Path, capsys: Capture):
     assert main(["show", "results/walk", "results/walk/result.nc"]) == 0
     expected = "A walk\n  speed  0.5\nTrust:\n  ok\n  1 warning: careful\n"
     assert capsys.readouterr().out == f"{expected}\n{expected}"
@@ -221,9 +200,7 @@ def test_several_results_and_json(folder: Path, capsys: pytest.CaptureFixture[st
     assert json.loads(one) == json.loads(again) == Result.load(folder).summary()
 
 
-def test_a_file_of_somebody_else_cannot_steer_the_terminal(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_file_of_somebody_else_cannot_steer_the_terminal(tmp_path: Path, capsys: Capture):
     evil = "\x1b[31m\r\x07"
     warned, words = {"warnings": [evil], "recheck": {"route": evil}}, {f"a{evil}": Scalar(evil)}
     Result("walk", "mine", evil, scalars=words, trust=warned, reason=evil).save(tmp_path)
@@ -240,9 +217,7 @@ def test_a_file_of_somebody_else_cannot_steer_the_terminal(
         ("results/walk/summary.json", "is no result of wormopt, or a damaged one"),
     ],
 )
-def test_what_is_no_result_is_refused(
-    folder: Path, capsys: pytest.CaptureFixture[str], name: str, told: str
-):
+def test_what_is_no_result_is_refused(folder: Path, capsys: Capture, name: str, told: str):
     assert main(["show", name, "results/walk"]) == 2
     out, err = capsys.readouterr()
     assert err.startswith(f"{name}: {told}")
@@ -250,9 +225,7 @@ def test_what_is_no_result_is_refused(
     assert out.startswith("A walk")  # the others are shown
 
 
-def test_a_damaged_file_is_refused_wherever_it_is_cut(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_damaged_file_is_refused_wherever_it_is_cut(folder: Path, capsys: Capture):
     file = folder / "result.nc"
     whole = file.read_bytes()
     for size in (0, 1, 4, 40, len(whole) // 3, len(whole) // 2, len(whole) - 8):
@@ -261,15 +234,12 @@ def test_a_damaged_file_is_refused_wherever_it_is_cut(
         assert "is no result of wormopt, or a damaged one" in capsys.readouterr().err
 
 
-PAGES = ROOT
-
-
-def test_pages_show_what_is_printed(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+def test_pages_show_what_is_printed(capsys: Capture, tmp_path: Path):
     """Lines of the designed gait and of the given one; the size of a rounding error excepted."""
     shown: list[str] = []
     ours = ("  speed  ", "Limits, and", "Trust:", "smallest_load")
     for page in ("README.md", "docs/quickstart.md"):
-        text, before = (PAGES / page).read_text(encoding="utf-8"), len(shown)
+        text, before = (ROOT / page).read_text(encoding="utf-8"), len(shown)
         blocks = [block for block in text.split("```")[1::2] if block.startswith("\n")]
         own = [block for block in blocks if any(word in block for word in ours)]
         shown += [line for block in own for line in block.splitlines()]

@@ -1,10 +1,25 @@
-"""Compilers that are not there, and what they made forgotten."""
+"""Routes, and compilers that are not there, with what they made forgotten."""
 
 from collections.abc import Iterator
 
 import pytest
 
+from wormopt.simulation import routes
 from wormopt.simulation.native import build, kernel, model_code
+from wormopt.simulation.options import Route
+
+
+@pytest.fixture(scope="module", params=["native", "python"])
+def route(request: pytest.FixtureRequest) -> Route:
+    """Compiled steps, and the same in Python."""
+    return request.param
+
+
+@pytest.fixture
+def unaided(route: Route, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What compiled steps refuse would be done in Python, unseen: that is forbidden here."""
+    if route == "native":
+        monkeypatch.setattr(routes, "_in_python", None)
 
 
 @pytest.fixture

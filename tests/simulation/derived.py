@@ -4,13 +4,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import pytest
 
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.simulation.trajectory import Event
-
-both = pytest.mark.parametrize("route", ["native", "python"])
 
 
 def block(pull: Any = 0.0, *, speed: float = 2.0, stiction: float = 2.0) -> Model:

@@ -28,9 +28,8 @@ def actuated(worm: Model, command: ca.SX) -> Model:
 
 def crawler(stiffness: float = 20.0, **options: float) -> Model:
     """Three masses whose links swing a third of a period apart; masses rest for a while."""
-    worm = chain(
-        2, mass=1.0, stiffness=stiffness, damping=2.0, rest_length=2.0, law=Coulomb(1.0, 10.0)
-    )
+    law = Coulomb(1.0, 10.0)
+    worm = chain(2, mass=1.0, stiffness=stiffness, damping=2.0, rest_length=2.0, law=law)
     t = worm.t
     phases = ca.DM([0.0, 2 * np.pi / 3])
     return actuated(worm, options.get("stroke", 0.5) * ca.sin(2 * np.pi * t / 3 - phases))

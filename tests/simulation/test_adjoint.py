@@ -50,11 +50,7 @@ def block(load: ca.SX | float = 0.0, t: ca.SX | None = None, **parameters: float
 
 
 @settings(max_examples=examples(15))
-@given(
-    mass=st.floats(0.3, 3.0),
-    friction=st.floats(0.3, 3.0),
-    speed=st.floats(0.3, 3.0),
-)
+@given(mass=st.floats(0.3, 3.0), friction=st.floats(0.3, 3.0), speed=st.floats(0.3, 3.0))
 def test_a_block_that_stops_has_gone_as_far_as_its_energy_lasts(
     mass: float, friction: float, speed: float
 ):
@@ -79,8 +75,7 @@ def test_a_load_that_grows_lets_the_block_go_when_it_holds_no_more():
     motion = simulate(block(k * t, t), 4.0, p=numbers, dense=True)
     found = gradient(motion, {"position": [1.0]})
     known = slopes(
-        lambda mass, friction, growth: growth * (4.0 - friction / growth) ** 3 / (6 * mass),
-        numbers,
+        lambda mass, friction, growth: growth * (4.0 - friction / growth) ** 3 / (6 * mass), numbers
     )
     for name, slope in known.items():
         assert found.p[name] == pytest.approx(slope, rel=1e-10)
@@ -102,13 +97,10 @@ def test_a_step_of_a_schedule_lets_go_what_far_more_held():
 
 def bouncing() -> Model:
     x, v, g, e = (ca.SX.sym(name) for name in ("x", "v", "g", "e"))
-    return Model(
-        "ball",
-        [Signal("height", x, value=1.0), Signal("rate", v, value=0.0)],
-        ca.vertcat(v, -g),
-        p=[Signal("gravity", g, value=9.0), Signal("restitution", e, value=0.8)],
-        switches=[Switch("bounce", -x, ca.vertcat(x, -e * v))],
-    )
+    states = [Signal("height", x, value=1.0), Signal("rate", v, value=0.0)]
+    numbers = [Signal("gravity", g, value=9.0), Signal("restitution", e, value=0.8)]
+    switches = [Switch("bounce", -x, ca.vertcat(x, -e * v))]
+    return Model("ball", states, ca.vertcat(v, -g), p=numbers, switches=switches)
 
 
 def test_a_ball_that_bounces_twice():
@@ -135,14 +127,9 @@ def scheduled(pieces: int) -> Model:
     x, v, u, begin, t = (ca.SX.sym(name) for name in ("x", "v", "u", "begin", "t"))
     values = np.linspace(1.0, 2.0, pieces)[:, None]
     push = Schedule("push", u, begin, np.linspace(0.0, 3.0, pieces + 1), values, periodic=True)
-    return Model(
-        "pushed",
-        [Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
-        ca.vertcat(v, u * (1 + t - begin)),
-        schedules=[push],
-        outputs=[Output("power", u * v)],
-        t=t,
-    )
+    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)]
+    ode = ca.vertcat(v, u * (1 + t - begin))
+    return Model("pushed", states, ode, schedules=[push], outputs=[Output("power", u * v)], t=t)
 
 
 def test_values_of_a_schedule_that_repeats_count_each_time():
@@ -221,14 +208,9 @@ def test_a_spike_that_is_thrown_back_stops_at_once():
     """A bounce reverses a spiked block, which then does not move: only its place counts."""
     x, v, f, wall = (ca.SX.sym(name) for name in ("x", "v", "f", "wall"))
     hit = Switch("hit", x - wall, ca.vertcat(x, -0.5 * v))
-    model = Model(
-        "spiked",
-        [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)],
-        ca.vertcat(v, f),
-        p=[Signal("wall", wall, value=0.4)],
-        contacts=[Contact("spike", v, f, Spike(0.1))],
-        switches=[hit],
-    )
+    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)]
+    numbers, contacts = [Signal("wall", wall, value=0.4)], [Contact("spike", v, f, Spike(0.1))]
+    model = Model("spiked", states, ca.vertcat(v, f), p=numbers, contacts=contacts, switches=[hit])
     motion = simulate(model, 2.0, dense=True)
     assert [event.kind for event in motion.events] == ["switch", "impact"]
     found = gradient(motion, {"position": [1.0]})

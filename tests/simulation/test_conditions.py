@@ -13,7 +13,6 @@ from wormopt.simulation.event_free import ending
 from wormopt.simulation.gradient import gradient
 
 t, x, v, f = (ca.SX.sym(name) for name in "txvf")
-ROUTES = ["native", "python"]
 
 
 def signals(**values):
@@ -42,7 +41,6 @@ def pulse_on(rhs):
 # -- time ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_pulse_between_two_steps_is_seen(route):
     found = wo.simulate(pulse_on(lambda u, p: scalar(u, p=p)), 100.0, route=route)
     assert found.end[0] == pytest.approx(1000.0, rel=1e-11)
@@ -69,7 +67,6 @@ def test_edges_and_resonances_between_steps_are_seen():
     assert one.end[0] == pytest.approx(0.01 / np.sqrt(np.pi), rel=1e-3)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_step_carries_a_resting_block_past_its_limit(route):
     push = ca.if_else(t >= 9.842, 2.22, 0)
     found = wo.simulate(block(push), 60.0, route=route)
@@ -127,7 +124,6 @@ def test_pulses_that_are_too_many_to_be_looked_at_are_told():
     assert wo.simulate(scalar(ca.sin(ca.pi * t)), 1e5).warnings == ()
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_derivatives_know_that_an_instant_moves(route):
     p = signals(when=9.842)
     model = block(ca.if_else(t >= p[0].symbol, 2.22, 0), p=p)
@@ -163,7 +159,6 @@ def test_conditions_that_are_met_with_equality_for_a_while():
 # -- states ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_jumps_in_a_state_are_located(route):
     grows = wo.simulate(scalar(ca.if_else(x > 1, x, 2.0)), 2.0, route=route)
     assert grows.end[0] == pytest.approx(np.exp(1.5), rel=1e-13)
@@ -201,7 +196,6 @@ def test_jumps_cost_no_order():
     assert np.log2(errors[0] / errors[1]) > 7
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_sliding_on_a_condition_is_refused_at_once(route):
     with pytest.raises(SolveError, match=r"led back to it.*write a Contact") as caught:
         wo.simulate(scalar(ca.if_else(x > 1, -x, 2.0)), 2.0, route=route)
@@ -211,7 +205,6 @@ def test_sliding_on_a_condition_is_refused_at_once(route):
         wo.simulate(scalar(0.3 - ca.sign(x), start=1.0), 2.0, route=route)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize(
     "back",
     [
@@ -228,7 +221,6 @@ def test_conditions_that_change_together_are_no_slide(back, route):
     assert wo.simulate(model, 3.0, route=route).end[0] == pytest.approx(2.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize(
     "back", [1.5 * (2 * x >= 0), 1.5 * (ca.if_else(x >= 0, 5, 1) > 3), 3 * (x > 1)]
 )
@@ -239,14 +231,12 @@ def test_conditions_that_turn_the_motion_back_together_are_a_slide(back, route):
     assert caught.value.partial.end_time == pytest.approx(1.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_remainder_that_is_compared_with_0_where_it_jumps(route):
     """The motion comes to 3 from below, where the remainder is 0 for an instant, and goes on."""
     model = scalar(-0.5 + 1.5 * (ca.fmod(x, 1.5) > 0), start=2.0)
     assert wo.simulate(model, 2.0, route=route).end[0] == pytest.approx(4.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_condition_that_changes_only_where_another_one_does(route):
     """A sign whose argument is never 0: x' = 2 up to 0, and then 1."""
     model = scalar(1 + (ca.copysign(2, ca.if_else(x < 0, 1, -1)) > 0), start=-1.0)
@@ -256,7 +246,6 @@ def test_a_condition_that_changes_only_where_another_one_does(route):
     assert wo.simulate(model, 2.0, route=route).end[0] == pytest.approx(1.5, abs=1e-12)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_derivatives_pass_a_jump_in_a_state(route):
     start = wo.simulate(scalar(ca.if_else(x > 1, x, 2.0)), 2.0, route=route, sensitivities=["x"])
     # the jump is 1/2 earlier for each unit of the start, and the end e^(2 - that)
@@ -279,7 +268,6 @@ def test_a_start_on_a_condition_goes_either_way():
     assert down.end[0] == pytest.approx(-1.0, rel=1e-12)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_condition_that_is_0_for_a_while(route):
     """How deep a mass is in the ground is 0 above it: there, no branch may be kept."""
     deep = ca.fmax(0, -x)
@@ -296,7 +284,6 @@ def test_a_condition_that_is_0_for_a_while(route):
         assert found.end == pytest.approx([right[0], right[1]], abs=1e-9)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_condition_that_another_one_carries_past_its_limit(route):
     """Nothing slides where time, or another condition, changes what is compared."""
     rises = scalar(ca.if_else(x < ca.floor(t), 1.0, 0.25))  # 0.25 at 1, 1 at 1.75
@@ -329,7 +316,6 @@ def test_steps_without_events_know_conditions_too():
 # -- what holds without limit ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_what_holds_the_other_way_does_not_matter(route):
     for held in [*10.0 ** np.arange(0, 31, 6), np.inf]:
         ahead = wo.simulate(block(0.5, wo.Coulomb(0.25, held)), 2.0, route=route)

@@ -45,14 +45,10 @@ def driven(count: int = 1, law: Any = None) -> Model:
         springs[i] += tension
         springs[i + 1] -= tension
     pulls = ca.vertcat(*(pull * ca.cos(t + i) for i in range(count)))
-    return Model(
-        "driven",
-        x=[Signal("x", x, value=0.0), Signal("v", v, value=0.0)],
-        ode=ca.vertcat(v, springs + pulls + rubbed),
-        t=t,
-        p=p,
-        contacts=[Contact(f"ground_{i}", v[i], rubbed[i], law) for i in range(count)],
-    )
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
+    ode = ca.vertcat(v, springs + pulls + rubbed)
+    contacts = [Contact(f"ground_{i}", v[i], rubbed[i], law) for i in range(count)]
+    return Model("driven", states, ode, t=t, p=p, contacts=contacts)
 
 
 def ended(model: Model, end: float, accepted: float = 1e-8, **given: Any) -> tuple[Any, Ending]:

@@ -72,16 +72,10 @@ def test_largest_values_and_pictures_are_those_of_the_steps(route: Route):
     assert np.abs(motion.time - turn).min() == 0  # a step ends there
 
 
-@pytest.mark.parametrize("route", ["native", "python"])
 def test_states_at_events_are_those_behind_them_and_so_are_modes(route: Route):
     up = Switch("kick", t - 1, ca.vertcat(x, 5))
-    model = Model(
-        "kicked",
-        x=[Signal("x", x, value=0.0), Signal("v", v, value=0.0)],
-        ode=ca.vertcat(v, 0),
-        t=t,
-        switches=[up],
-    )
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
+    model = Model("kicked", states, ca.vertcat(v, 0), t=t, switches=[up])
     motion = simulate(model, 2.0, route=route)
     assert motion["v"][0] == pytest.approx(np.where(motion.time < motion.events[0].time, 0, 5))
     assert motion["x"][0, -1] == pytest.approx(5.0)
@@ -99,7 +93,6 @@ def test_rows_are_thinned_out_evenly(most: int, count: int):
     assert rows[:, 1].tolist() == (10 * rows[:, 0]).tolist()
 
 
-@pytest.mark.parametrize("route", ["native", "python"])
 def test_memory_is_bounded_whatever_the_span(route: Route, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(simulating, "_KEPT", 64)
     monkeypatch.setattr(simulating, "_LEAST_KEPT", 64)
@@ -140,9 +133,8 @@ def test_implicit_integrators_keep_the_motion_too():
 def test_delay_equations_keep_all_stretches(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(simulating, "_KEPT", 100)
     past = ca.SX.sym("past")
-    model = Model(
-        "lagging", [Signal("x", x, value=1.0)], -past, delays=[Delay("past", past, x, lag=1.0)]
-    )
+    delays = [Delay("past", past, x, lag=1.0)]
+    model = Model("lagging", [Signal("x", x, value=1.0)], -past, delays=delays)
     motion = simulate(model, 3.0)
     assert 50 <= len(motion.time) <= 101
     first = motion.time <= 1
@@ -159,9 +151,8 @@ def test_members_of_an_ensemble_share_their_instants():
 
 def test_derivatives_are_kept_with_their_states():
     rate = ca.SX.sym("rate")
-    decay = Model(
-        "decay", [Signal("x", x, value=1.0)], -rate * x, p=[Signal("rate", rate, value=1.0)]
-    )
+    numbers = [Signal("rate", rate, value=1.0)]
+    decay = Model("decay", [Signal("x", x, value=1.0)], -rate * x, p=numbers)
     motion = simulate(decay, 2.0, sensitivities=["rate"])
     assert motion.derivative("x")[0, 0] == pytest.approx(
         -motion.time * np.exp(-motion.time), abs=1e-9
@@ -243,12 +234,8 @@ print(np.abs(found[0] - sum(np.sin(k * x) for k in range(1, 101))).max() < 1e-6)
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="address space is limited by Linux")
 def test_a_million_samples_are_observed_in_little_memory():
-    result = subprocess.run(
-        [sys.executable, "-c", _MANY],
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-    )
+    env = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    result = subprocess.run([sys.executable, "-c", _MANY], env=env, capture_output=True, text=True)
     assert (result.returncode, result.stdout) == (0, "True\n"), result.stderr
 
 

@@ -117,13 +117,9 @@ def oscillator() -> Model:
     breaks = np.array([0.0, 0.3, 0.7, 1.0])
     begin = ca.SX.sym("begin")
     schedule = Schedule("push", push, begin, breaks, np.zeros((3, 1)), periodic=True)
-    return Model(
-        "oscillator",
-        x=[Signal("x", x, value=1.0), Signal("v", v, value=0.0)],
-        ode=ca.vertcat(v, push - k * x),
-        p=[Signal("k", k, value=1.0)],
-        schedules=[schedule],
-    )
+    states = [Signal("x", x, value=1.0), Signal("v", v, value=0.0)]
+    ode = ca.vertcat(v, push - k * x)
+    return Model("oscillator", states, ode, p=[Signal("k", k, value=1.0)], schedules=[schedule])
 
 
 def swing(k: float, pushes: np.ndarray, t: float) -> np.ndarray:

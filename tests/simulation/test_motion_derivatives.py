@@ -2,16 +2,16 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
-from derived import block, both, changes
+from derived import block, changes
 from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from on_routes import shaken
 from scipy.linalg import expm
 
 from tests.benchmarks.cases import mag2, track
@@ -60,7 +60,6 @@ def differences(model: Model, span: float, label: str, h: float, **more: Any) ->
 # -- closed forms ----------------------------------------------------------------------------
 
 
-@both
 def test_a_block_that_is_thrown_stops_as_energy_says(route: Any):
     motion = simulate(block(), 10.0, sensitivities=["velocity", "mass", "friction"], route=route)
     (v, m, f), (stop,) = (2.0, 3.0, 1.5), motion.events
@@ -71,38 +70,24 @@ def test_a_block_that_is_thrown_stops_as_energy_says(route: Any):
     assert motion.nonsmooth_events == ()
 
 
-@both
 def test_a_growing_load_lets_go_when_stiction_says(route: Any):
     """At rest until load t = 3 = 2 F, then m v' = load t - F."""
     model, t = block(lambda t, load: load * t, speed=0.0), 14.0
-    sampled = simulate(
-        model, t, sensitivities=["load", "friction", "mass"], route=route, times=[6.0, t]
-    )
+    sensitivities = ["load", "friction", "mass"]
+    sampled = simulate(model, t, sensitivities=sensitivities, route=route, times=[6.0, t])
     (release,) = sampled.events
     a, f, m = 0.25, 1.5, 3.0
     s = 2 * f / a
     np.testing.assert_allclose(changes(release), [-s / a, 2 / a, 0.0], rtol=1e-12, atol=1e-13)
     v = (a * (t**2 - s**2) / 2 - f * (t - s)) / m
     by_s = (f - a * s) / m  # what a later release takes from the velocity
-    speed = [
-        (t**2 - s**2) / (2 * m) - by_s * s / a,
-        -(t - s) / m + by_s * 2 / a,
-        -v / m,
-    ]
+    speed = [(t**2 - s**2) / (2 * m) - by_s * s / a, -(t - s) / m + by_s * 2 / a, -v / m]
     np.testing.assert_allclose(sampled.end_derivative[1], speed, rtol=1e-10)
     np.testing.assert_array_equal(sampled.derivative("velocity")[..., 0], 0.0)
     # at rest the ground's force is minus the load
     force = sampled.derivative("force")[0, :, 0]
     np.testing.assert_allclose(force, [-6.0, 0.0, 0.0], atol=1e-13)
     np.testing.assert_allclose(sampled.derivative("energy")[0, 0, -1], m * v * speed[0], rtol=1e-10)
-
-
-def pair_matrix() -> np.ndarray:
-    """Of the magneto-elastic pair between events: x1' = v1, v1' = -(x1 - x2), and so on."""
-    a = np.zeros((4, 4))
-    a[0, 2] = a[1, 3] = 1.0
-    a[2, :2], a[3, :2] = [-1.0, 1.0], [1.0, -1.0]
-    return a
 
 
 def test_the_magneto_elastic_pair_by_matrix_exponentials_and_jumps_written_out():
@@ -136,13 +121,14 @@ def test_the_magneto_elastic_pair_by_matrix_exponentials_and_jumps_written_out()
 
 
 def held(modes: np.ndarray, time: float) -> np.ndarray:
-    """Flow of the pair over a time; what rests stays."""
-    a = pair_matrix()
+    """Flow of the pair over a time, x1' = v1, v1' = -(x1 - x2) and so on; what rests stays."""
+    a = np.zeros((4, 4))
+    a[0, 2] = a[1, 3] = 1.0
+    a[2, :2], a[3, :2] = [-1.0, 1.0], [1.0, -1.0]
     a[2:][modes == 0] = 0.0
     return expm(a * time)
 
 
-@both
 @pytest.mark.parametrize("power", [2, 3])
 def test_a_gain_that_grows_from_where_a_tube_is_left(power: int, route: Any):
     """x' = 1, k' = c max(x - r, 0)^n: until x = r all derivatives of k are 0, then none is."""
@@ -158,7 +144,6 @@ def test_a_gain_that_grows_from_where_a_tube_is_left(power: int, route: Any):
     assert motion.n_steps < 200
 
 
-@both
 def test_what_is_0_in_theory_is_rounding_and_costs_no_steps(route: Any):
     """A link without ground moves as a whole under a uniform load: no spring is stretched."""
     worm = chain(
@@ -182,7 +167,6 @@ def throw(links: int = 2) -> Model:
     )  # fmt: skip
 
 
-@both
 def test_a_start_that_is_later_gives_the_same_motion_later(route: Any):
     """S f(x0) = f(x(t)) where nothing depends on time, and every event comes earlier by that."""
     model, t = throw(), np.linspace(0.0, 4.0, 41)
@@ -284,7 +268,6 @@ def test_gains_that_jump_agree_with_differences():
         assert np.abs(d - by).max() < 1e-6 * np.abs(d).max(), label
 
 
-@both
 @pytest.mark.parametrize(("jump", "told"), [(1.0, 1), (1.5, 0), (0.5, 0)])
 def test_a_guard_that_lands_at_0_is_told(jump: float, told: int, route: Any):
     """At x = 1 y jumps by `jump` from -1; where y > 0, z jumps: a small change of y does it."""
@@ -307,7 +290,6 @@ def test_a_guard_that_lands_at_0_is_told(jump: float, told: int, route: Any):
     assert simulate(model, 2.0, sensitivities=["x"], route=route).nonsmooth_events == ()
 
 
-@both
 @pytest.mark.parametrize(("pull", "told"), [(2.0, 1), (-2.0, 1), (1.0, 0)])
 def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: Any):
     """Friction 1.5, stiction 3: under a pull of 2 the slightest push sets the mass going."""
@@ -320,7 +302,6 @@ def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: A
     assert (abs(pushed.end[1]) > 0.1) == bool(told)
 
 
-@both
 def test_a_push_at_what_rests_on_a_sledge_is_shared_with_it(route: Any):
     """Masses 1 and 3, without a jump of velocity: momentum says how both move."""
     v, f = ca.SX.sym("v", 2), ca.SX.sym("f")
@@ -332,7 +313,6 @@ def test_a_push_at_what_rests_on_a_sledge_is_shared_with_it(route: Any):
     np.testing.assert_allclose(motion.end_derivative, [[0.25, 0.75]] * 2, rtol=1e-12)
 
 
-@both
 def test_a_root_at_0_has_no_derivative_and_says_so(route: Any):
     """y' = sqrt(x) while x falls to 0 and beyond: the slope is infinite there."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
@@ -384,7 +364,7 @@ def test_random_chains_agree_with_differences_of_another_integrator(links: int, 
 
     law = Coulomb(1.0, 2.0, excess, 2 * excess)
     worm = chain(links, **numbers, law=[law] * n, position=x0["position"])
-    worm = driven(worm, 4 * ca.sin(5 * worm.t - ca.DM(phases)))
+    worm = shaken(worm, 4 * ca.sin(5 * worm.t - ca.DM(phases)))
 
     def with_stiction(grip: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         more = {f"friction_stick_{w}": excess * grip[f"friction_{w}"] for w in WAYS}
@@ -399,27 +379,16 @@ def test_random_chains_agree_with_differences_of_another_integrator(links: int, 
     assert np.abs(motion.end_derivative[:, 0] - by).max() < 1e-6 * np.abs(by).max()
 
 
-def driven(worm: Model, force: ca.SX) -> Model:
-    """The chain with its actuators' forces as expressions of time."""
-    (u,) = (s.symbol for s in worm.u)
-    outputs = [replace(o, expression=ca.substitute(o.expression, u, force)) for o in worm.outputs]
-    return replace(worm, ode=ca.substitute(worm.ode, u, force), u=(), outputs=outputs)
-
-
 def test_contacts_that_act_on_each_other_agree_with_differences():
     """Two runners joined by inertia: the force on one accelerates the other."""
     t, x, v = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("v", 2)
     f, m = ca.SX.sym("f", 2), ca.SX.sym("m")
     inertia = ca.vertcat(ca.horzcat(2 + m, m), ca.horzcat(m, 1 + m))
     pull = 3 * ca.vertcat(ca.sin(2 * t), ca.cos(3 * t)) - 2 * x
-    model = Model(
-        "joined",
-        [Signal("position", x, value=0.0), Signal("velocity", v, value=[1.0, -0.5])],
-        ca.vertcat(v, ca.solve(inertia, f + pull)),
-        t=t,
-        p=[Signal("shared", m, value=0.4)],
-        contacts=[Contact(f"runner {i}", v[i], f[i], Coulomb(0.7, 1.1, 0.9, 1.5)) for i in (0, 1)],
-    )
+    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=[1.0, -0.5])]
+    ode = ca.vertcat(v, ca.solve(inertia, f + pull))
+    contacts = [Contact(f"runner {i}", v[i], f[i], Coulomb(0.7, 1.1, 0.9, 1.5)) for i in (0, 1)]
+    model = Model("joined", states, ode, t=t, p=[Signal("shared", m, value=0.4)], contacts=contacts)
     labels = ["shared", "velocity[1]", "position[0]"]
     found = [
         simulate(model, 6.0, times=[0.0, 6.0], sensitivities=labels, route=r)
@@ -497,7 +466,6 @@ def test_algebraic_equations_have_derivatives_too():
     np.testing.assert_allclose(motion.end_derivative[0], expected, rtol=1e-8)
 
 
-@both
 def test_values_of_schedules_move_the_motion_while_they_hold(route: Any):
     """x' = c x s, c of pieces, s the time since its own began; a third is never reached."""
     x, c, begin = ca.SX.sym("x"), ca.SX.sym("c"), ca.SX.sym("begin")

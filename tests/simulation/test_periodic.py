@@ -1,5 +1,7 @@
 """Periodic motions: against theory of linear systems, and by exact contact."""
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -82,7 +84,7 @@ def shaken(push: float) -> Model:
 
 def test_dry_friction_takes_every_start_to_one_orbit():
     model = shaken(3.0)
-    orbit = periodic_orbit(model, 2 * np.pi, returning=["velocity"], x0={"velocity": 1.0})
+    orbit = periodic_orbit(model, 2 * np.pi, **HOW)
     long = simulate(model, 80 * np.pi, x0={"velocity": -2.0}, times=[78 * np.pi, 80 * np.pi])
     assert orbit.motion["velocity"][0, 0] == pytest.approx(long["velocity"][0, -1], abs=1e-8)
     advance = np.diff(long["position"][0])[0]
@@ -136,34 +138,22 @@ def test_the_answer_of_a_linear_system_moves_with_matrix_push_and_frequency():
 
 
 def found_speed(push: float = 3.0, frequency: float = 1.0, friction: float = 0.5) -> float:
-    orbit = periodic_orbit(
-        SHAKEN,
-        2 * np.pi / frequency,
-        returning=["velocity"],
-        x0={"velocity": 1.0},
-        p={"push": push, "frequency": frequency, "friction": friction},
-        tolerance=Tolerance(1e-13, 1e-14),
-        samples=2,
-    )
+    p, sharp = {"push": push, "frequency": frequency, "friction": friction}, Tolerance(1e-13, 1e-14)
+    orbit = periodic_orbit(SHAKEN, 2 * np.pi / frequency, p=p, tolerance=sharp, samples=2, **HOW)
     return float(orbit.mean_rate("position")[0])
 
 
 SHAKEN = shaken(3.0)
+HOW: Any = {"returning": ["velocity"], "x0": {"velocity": 1.0}}
+SHORTER = {"frequency": -2 * np.pi}  # the period, by its frequency
 
 
 @pytest.mark.parametrize(
     "push", [pytest.param(3.0, id="slides"), pytest.param(0.9, id="rests part of the time")]
 )
 def test_the_mean_speed_on_dry_ground_moves_with_what_drives_it(push: float):
-    orbit = periodic_orbit(
-        SHAKEN,
-        2 * np.pi,
-        returning=["velocity"],
-        x0={"velocity": 1.0},
-        p={"push": push},
-        sensitivities=["push", "friction", "frequency"],
-        period_derivative={"frequency": -2 * np.pi},
-    )
+    asked = {"sensitivities": ["push", "friction", "frequency"], "period_derivative": SHORTER}
+    orbit = periodic_orbit(SHAKEN, 2 * np.pi, p={"push": push}, **asked, **HOW)
     rests = any(event.kind == "stick" for event in orbit.motion.events)
     assert rests == (push < 1)
     slopes = orbit.mean_rate_derivative("position")[0]
@@ -178,18 +168,10 @@ def test_the_mean_speed_on_dry_ground_moves_with_what_drives_it(push: float):
 
 def test_the_mean_speed_is_a_force_over_a_frequency():
     """By units alone: of a unit mass, times a function of the ratios of forces."""
-    orbit = periodic_orbit(
-        SHAKEN,
-        2 * np.pi,
-        returning=["velocity"],
-        x0={"velocity": 1.0},
-        p={"push": 1.7},
-        sensitivities={
-            "forces": {"push": 1.7, "friction": 0.5, "backward": 1.0},
-            "frequency": {"frequency": 1.0},
-        },
-        period_derivative={"frequency": -2 * np.pi},
-    )
+    forces = {"push": 1.7, "friction": 0.5, "backward": 1.0}
+    ways = {"forces": forces, "frequency": {"frequency": 1.0}}
+    asked = {"sensitivities": ways, "period_derivative": SHORTER}
+    orbit = periodic_orbit(SHAKEN, 2 * np.pi, p={"push": 1.7}, **asked, **HOW)
     speed = orbit.mean_rate("position")[0]
     assert orbit.mean_rate_derivative("position")[0] == pytest.approx([speed, -speed], rel=1e-9)
     velocity = orbit.motion["velocity"][0]
@@ -199,13 +181,8 @@ def test_the_mean_speed_is_a_force_over_a_frequency():
 
 def test_what_only_goes_on_has_a_multiplier_of_one():
     x, t, k = ca.SX.sym("x"), ca.SX.sym("t"), ca.SX.sym("k")
-    model = Model(
-        "slow",
-        x=[Signal("place", x)],
-        ode=ca.cos(t) - k * x,
-        t=t,
-        p=[Signal("fading", k, value=1e-9)],
-    )
+    numbers = [Signal("fading", k, value=1e-9)]
+    model = Model("slow", [Signal("place", x)], ca.cos(t) - k * x, t=t, p=numbers)
     orbit = periodic_orbit(model, 2 * np.pi)
     assert orbit.multipliers == pytest.approx(1.0, abs=1e-8)
     with pytest.raises(SolveError, match="a multiplier is 1") as caught:
@@ -216,12 +193,11 @@ def test_what_only_goes_on_has_a_multiplier_of_one():
 
 
 def test_directions_that_an_orbit_does_not_have_are_refused():
-    how = {"returning": ["velocity"], "x0": {"velocity": 1.0}}
     with pytest.raises(ArgumentError, match="does not depend on where velocity start"):
-        periodic_orbit(SHAKEN, 2 * np.pi, sensitivities=["velocity"], **how)
+        periodic_orbit(SHAKEN, 2 * np.pi, sensitivities=["velocity"], **HOW)
     with pytest.raises(UnknownNameError, match="no direction 'weight'"):
         periodic_orbit(
-            SHAKEN, 2 * np.pi, sensitivities=["push"], period_derivative={"weight": 1.0}, **how
+            SHAKEN, 2 * np.pi, sensitivities=["push"], period_derivative={"weight": 1.0}, **HOW
         )
     with pytest.raises(ArgumentError, match="seek the orbit with sensitivities"):
-        periodic_orbit(SHAKEN, 2 * np.pi, **how).mean_rate_derivative("position")
+        periodic_orbit(SHAKEN, 2 * np.pi, **HOW).mean_rate_derivative("position")

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
+from on_routes import STEPPING, event_times
 from scipy.integrate import quad, solve_ivp
 
 from wormopt.errors import ArgumentError
@@ -23,7 +24,6 @@ from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
-ROUTES: tuple[Route, ...] = ("native", "python")
 Load = Callable[[ca.SX], ca.SX]
 
 
@@ -77,7 +77,6 @@ def stops(motion: Trajectory) -> list[float]:
 # -- stops -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize(
     ("F", "time", "place"), [(2.0, 2 / 3, (1 / 12, 4 / 15)), (1.5, 1.2, (0.2, 0.375))]
 )
@@ -103,7 +102,6 @@ def elliptic_stop(forward: float, sideways: float) -> tuple[float, np.ndarray]:
     return found[0], np.array(found[1:])
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.5])
 def test_a_block_on_elliptic_ground_stops(route: Route, angle: float):
     time, place = elliptic_stop(1.0, 2.0)
@@ -141,7 +139,6 @@ def turned_about(law: Elliptic, v0: tuple[float, float], end: float) -> tuple[fl
     return time, solve_ivp(push, (time, end), v, args=(law.forward,), **sharp).y[:, -1]
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_no_long_step_goes_over_the_bend_between_forward_and_backward(route: Route):
     """The force bends where a block's velocity along its heading is 0: each block has its time.
 
@@ -161,7 +158,6 @@ def test_no_long_step_goes_over_the_bend_between_forward_and_backward(route: Rou
         assert motion.end[4 + 2 * i : 6 + 2 * i] == pytest.approx(end, abs=1e-9)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_equal_blocks_stop_at_once(route: Route):
     motion = simulate(blocks([Elliptic(1.0, 1.0, 2.0)] * 3, [1, 1] * 3), 3.0, route=route)
     assert stops(motion) == pytest.approx([1.21151159553] * 3, abs=5e-10)
@@ -197,7 +193,6 @@ def tripod(v0: tuple[float, ...]) -> Model:
     return Model("tripod", states, ca.vertcat(w, force / 3, moment / 3), contacts=grounds)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_tripod_stops_on_one_foot_and_pivots(route: Route):
     """B3: contacts of a rigid body act on each other, and at the end share what they hold."""
     motion = simulate(tripod((1.0, 0.0, 1.0)), 3.0, route=route)
@@ -208,7 +203,6 @@ def test_a_tripod_stops_on_one_foot_and_pivots(route: Route):
     )
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("nominal", [(1.0, 1e-4), (1e-4, 1.0)])
 def test_a_foot_that_another_stops_rests_with_it(route: Route, nominal: tuple[float, float]):
     """Feet of a sled stop at once, also where one would count as stopped at a lower speed only."""
@@ -250,24 +244,24 @@ def circling(t: ca.SX) -> ca.SX:
 LAWS = [Elliptic(1, 1, 1), Elliptic(1, 3, 2), Elliptic(1, 2, 0.5), AnisotropicCoulomb(1, 3, 2)]
 
 
-def test_both_routes_agree():
-    check_routes(Elliptic(1, 3, 2), wandering)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", LAWS, ids=str)
-@pytest.mark.parametrize("load", [wandering, circling])
+@pytest.mark.parametrize(
+    ("law", "load"),
+    [
+        (LAWS[1], wandering),
+        *(
+            pytest.param(law, load, marks=pytest.mark.slow)
+            for law in LAWS
+            for load in (wandering, circling)
+        ),
+    ],
+)
 def test_both_routes_agree_and_keep_the_balance_of_energy(law: PlanarLaw, load: Load):
-    check_routes(law, load)
-
-
-def check_routes(law: PlanarLaw, load: Load) -> None:
     model = blocks([law], [0, 0], load, angle=0.4)
-    one, other = (simulate(model, 6.0, route=route) for route in ROUTES)
+    one, other = (simulate(model, 6.0, route=route) for route in STEPPING)
     assert one.end == pytest.approx(other.end, abs=2e-10)
     assert [e.kind for e in one.events] == [e.kind for e in other.events]
     assert len(one.events) > 0
-    assert [e.time for e in one.events] == pytest.approx([e.time for e in other.events], abs=5e-9)
+    assert event_times(one) == pytest.approx(event_times(other), abs=5e-9)
     assert one["kinetic"][0, -1] == pytest.approx(one["energy"][0, -1], abs=1e-10)
 
 
@@ -295,7 +289,6 @@ def test_release_is_where_the_load_leaves_the_ellipse():
     assert across / np.linalg.norm(later) == pytest.approx(0.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("load", [(3.0, 2.0), (-5.0, 1.0), (0.3, 4.0)])
 def test_a_sudden_load_pulls_off_toward_the_acceleration(route: Route, load: tuple[float, float]):
     """From rest under a constant load the way is straight: a = load + force, force against a."""
@@ -375,25 +368,25 @@ def chain(seed: int, *, planar: bool, angle: float = 0.0) -> Model:
     return Model("chain", states, ode, t=t, contacts=grounds)
 
 
-def check_straight(seed: int, angle: float, route: Route) -> None:
+@pytest.mark.parametrize(
+    ("seed", "angle", "route"),
+    [
+        (4, 0.6, "native"),
+        (8, 0.0, "python"),
+        *(
+            pytest.param(k, 0.6 * (k % 2), STEPPING[k % 3 == 0], marks=pytest.mark.slow)
+            for k in range(24)
+        ),
+    ],
+)
+def test_a_straight_chain_is_the_chain_on_the_line(seed: int, angle: float, route: Route):
     line = simulate(chain(seed, planar=False), 8.0)
     plane = simulate(chain(seed, planar=True, angle=angle), 8.0, route=route)
     projected = plane.end.reshape(-1, 2) @ turn(angle)
     assert projected[:, 0] == pytest.approx(line.end, abs=1e-9)
     assert np.abs(projected[:, 1]).max() < 1e-11
     assert [(e.name, e.kind) for e in plane.events] == [(e.name, e.kind) for e in line.events]
-    assert [e.time for e in plane.events] == pytest.approx([e.time for e in line.events], abs=2e-9)
-
-
-@pytest.mark.parametrize(("seed", "angle", "route"), [(4, 0.6, "native"), (8, 0.0, "python")])
-def test_a_straight_chain_is_the_chain_on_the_line(seed: int, angle: float, route: Route):
-    check_straight(seed, angle, route)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(24))
-def test_straight_chains_are_chains_on_the_line(seed: int):
-    check_straight(seed, 0.6 if seed % 2 else 0.0, ROUTES[seed % 3 == 0])
+    assert event_times(plane) == pytest.approx(event_times(line), abs=2e-9)
 
 
 # -- what neither slides nor lets go ---------------------------------------------------------
@@ -412,7 +405,6 @@ def sled(v0: tuple[float, ...], friction: float = 0.2) -> Model:
     return Model("sled", states, ca.vertcat(w, f[0] * e + f[1] * n, 0), contacts=grounds)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("sideways", [0.0, 0.3])
 def test_a_skid_follows_its_heading(route: Route, sideways: float):
     """v = 1 - t / 5 along the angle t / 2; what it has across at the start is lost at once."""
@@ -422,7 +414,6 @@ def test_a_skid_follows_its_heading(route: Route, sideways: float):
     assert stops(motion) == pytest.approx([5.0], abs=1e-10)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_pin_lets_a_bar_swing(route: Route):
     """Held at one end both ways, a bar turns about it with the moment of inertia there."""
     q, w, f = ca.SX.sym("q", 3), ca.SX.sym("w", 3), ca.SX.sym("f", 2)
@@ -488,9 +479,8 @@ def test_numbers_of_a_law_are_checked_when_they_are_parameters():
     F = ca.SX.sym("F")
     states = [Signal("position", r, value=0.0), Signal("velocity", v, value=1.0)]
     ground = Contact("mass", v, f, Elliptic(F, F, F))
-    model = Model(
-        "block", states, ca.vertcat(v, f), p=[Signal("F", F, value=1.0)], contacts=[ground]
-    )
+    numbers = [Signal("F", F, value=1.0)]
+    model = Model("block", states, ca.vertcat(v, f), p=numbers, contacts=[ground])
     assert stops(simulate(model, 3.0)) == pytest.approx([np.sqrt(2)], abs=1e-9)
     assert stops(simulate(model, 3.0, p={"F": 2.0})) == pytest.approx([np.sqrt(0.5)], abs=1e-9)
     with pytest.raises(ArgumentError, match="positive"):
@@ -535,7 +525,7 @@ def worm(n: int, rng: np.random.Generator) -> Model:
 def test_worms_by_both_routes_and_a_sharper_tolerance(seed: int):
     rng = np.random.default_rng(seed)
     model = worm(int(rng.integers(2, 5)), rng)
-    native, python = (simulate(model, 3.0, route=route) for route in ROUTES)
+    native, python = (simulate(model, 3.0, route=route) for route in STEPPING)
     sharp = simulate(model, 3.0, tolerance=Tolerance(1e-12, 1e-13))
     assert native.end == pytest.approx(python.end, abs=1e-8)
     assert native.end == pytest.approx(sharp.end, abs=1e-8)

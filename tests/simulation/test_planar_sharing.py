@@ -22,8 +22,6 @@ from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
-ROUTES: tuple[Route, ...] = ("native", "python")
-
 
 def critical(
     points: np.ndarray, laws: list[Elliptic], load: np.ndarray, n_starts: int = 2
@@ -69,7 +67,6 @@ def releases(motion: Trajectory) -> dict[str, float]:
     return {e.name: e.time for e in motion.events if e.kind == "release"}
 
 
-@pytest.mark.parametrize("route", ROUTES)
 def test_a_rod_pulled_along_holds_what_both_ends_hold(route: Route):
     """Ends of 1 and 3 share a load until 4; then x'' = (t - 4) / 2."""
     rod = body(ROD, ROUND, lambda t: ca.vertcat(t, 0, 0))
@@ -79,7 +76,6 @@ def test_a_rod_pulled_along_holds_what_both_ends_hold(route: Route):
     assert motion.end[[1, 2]] == pytest.approx([0, 0], abs=1e-12)
 
 
-@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("pull", [3.9, 4.0 + 1e-6, 4.5])
 def test_a_rod_pulled_from_the_start_slips_at_once_if_its_ends_do_not_hold_it(
     pull: float, route: Route
@@ -168,20 +164,18 @@ def test_of_two_rods_one_slips_and_the_other_rests(first: int):
     assert other == pytest.approx(np.zeros(6), abs=1e-15)
 
 
-def test_a_tripod_slips_at_the_load_of_limit_analysis():
-    check_critical(TRIPOD, 1)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("points", "seed"),
-    [*((ROD, k) for k in range(3, 9)), *((TRIPOD, k) for k in range(3, 9)), (RING, 4), (RING, 5)],
+    [
+        (TRIPOD, 1),
+        *(
+            pytest.param(points, seed, marks=pytest.mark.slow)
+            for points, seeds in ((ROD, range(3, 9)), (TRIPOD, range(3, 9)), (RING, (4, 5)))
+            for seed in seeds
+        ),
+    ],
 )
 def test_bodies_slip_at_the_load_of_limit_analysis(points: np.ndarray, seed: int):
-    check_critical(points, seed)
-
-
-def check_critical(points: np.ndarray, seed: int) -> None:
     rng = np.random.default_rng(seed)
     laws: list[Elliptic] = [Elliptic(*rng.uniform(0.5, 2.0, 3)) for _ in points]
     load = rng.normal(size=3)

@@ -20,8 +20,10 @@ from on_routes import (
     shaken,
     sine_worm,
 )
+from worms import TRACKED
 
-from wormopt.control.lambda_tracker import lambda_tracker
+from tests.benchmarks.cases import mag2
+from wormopt.control.lambda_tracker import Feedback, lambda_tracker
 from wormopt.control.loop import gait_reference
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Contact, Model, Signal
@@ -36,20 +38,6 @@ from wormopt.systems.spiked.construct import fast_gait
 DEFAULT = Tolerance()
 
 
-# docs/verification.md, trackers: x, v, gain (and the filter) at t = 10
-TRACK = {
-    "filter": [
-        *(13.7293026425339, 12.5129899383629, 11.2234323017047),
-        *(1.5442046082437, 1.2147444914821, 0.6496895012235),
-        *(17.0537482219161, -0.7848014274676, -0.7122939752036),
-    ],
-    "derivative": [
-        *(13.9905483956915, 12.7643770141827, 11.4656131519066),
-        *(1.5265682540374, 1.2068425686835, 0.6714590289857),
-        17.4065002539140,
-    ],
-}
-
 # docs/verification.md, pair
 MAG2 = [68.6821179593, 69.1082146640, -0.1937052220, 0.7347495453]
 
@@ -62,7 +50,7 @@ MAG2_STICKS = [
 ]
 
 
-def tracked(feedback: str, rest: float = 0.0, **options: float | bool) -> Model:
+def tracked(feedback: Feedback, rest: float = 0.0, **options: float | bool) -> Model:
     """The chapter's worm under a tracker; with rest = 2 it starts near its reference."""
     start = (0.0, 2.0, 4.0) if rest == 0 else (4.0, 2.0, 0.0)
     worm = chain(
@@ -71,22 +59,6 @@ def tracked(feedback: str, rest: float = 0.0, **options: float | bool) -> Model:
     )  # fmt: skip
     reference = gait_reference(fast_gait(1.0, 2.0, 0.15), time=worm.t)
     return lambda_tracker(worm, reference, tube_radius=0.2, feedback=feedback, **options)  # type: ignore[arg-type]
-
-
-def magnetic_pair() -> Model:
-    """(16) with the numbers of MAG2."""
-    t, x, v, f = (ca.SX.sym(name, n) for name, n in (("t", 1), ("x", 2), ("v", 2), ("f", 2)))
-    eps = 0.036
-    drive = eps * (1 + ca.cos((np.sqrt(2) + 0.5 * eps) * t))
-    pull = x[1] - x[0]
-    law = Coulomb(0.5 * eps, 1.0 * eps)
-    return Model(
-        "pair",
-        x=[Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
-        ode=ca.vertcat(v, pull - drive + f[0], -pull + drive + f[1]),
-        t=t,
-        contacts=[Contact(f"mass {i}", v[i], f[i], law) for i in range(2)],
-    )
 
 
 def assert_same(a: Trajectory, b: Trajectory, within: float) -> None:
@@ -116,19 +88,18 @@ def assert_lawful(motion: Trajectory) -> None:
 
 
 @pytest.mark.parametrize("route", ALL)
-@pytest.mark.parametrize("feedback", TRACK)
-def test_tracked_worms_arrive_where_the_benchmark_says(feedback: str, route: Route):
+@pytest.mark.parametrize("feedback", TRACKED)
+def test_tracked_worms_arrive_where_the_benchmark_says(feedback: Feedback, route: Route):
     tolerance = SHARP if route != "cvodes" else DEFAULT
     motion = simulate(tracked(feedback), 10.0, contact=Smooth(), tolerance=tolerance, route=route)
     assert motion.route == route
     # at the looser tolerance rounding decides steps of CVODES, and their errors with them
     accepted = 1e-9 if route != "cvodes" else 1e-8
-    assert motion.end == pytest.approx(TRACK[feedback], abs=accepted)
+    assert motion.end == pytest.approx(TRACKED[feedback], abs=accepted)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_the_magnetic_pair_has_the_events_of_the_benchmark(route: Route):
-    motion = simulate(magnetic_pair(), 400.0, tolerance=SHARP, route=route)
+    motion = simulate(mag2(), 400.0, tolerance=SHARP, route=route)
     assert len(motion.events) == 369
     sticks = [event for event in motion.events if event.kind == "stick"]
     releases = [event for event in motion.events if event.kind == "release"]
@@ -140,7 +111,7 @@ def test_the_magnetic_pair_has_the_events_of_the_benchmark(route: Route):
 
 
 def test_both_stepping_routes_take_the_same_steps():
-    a, b = (simulate(magnetic_pair(), 100.0, route=route, dense=True) for route in STEPPING)
+    a, b = (simulate(mag2(), 100.0, route=route, dense=True) for route in STEPPING)
     assert_same(a, b, within=1e-11)
     assert a.n_steps == b.n_steps
     assert a.n_rejected == b.n_rejected
@@ -212,19 +183,15 @@ def test_contacts_that_act_on_each_other_decide_alike():
     assert_lawful(a)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_velocity_that_is_no_state_drifts_at_rest_without_harm(route: Route):
     """Velocities v (1.5 + cos x) stay zero at rest up to the errors of the steps only."""
     x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
     y, w = ca.SX.sym("y"), ca.SX.sym("w")
     skew = 1.5 + ca.cos(x) + 0.5 * ca.sin(y)
-    model = Model(
-        "cam",
-        x=[Signal(n, s, value=0.0) for n, s in (("x", x), ("v", v), ("y", y), ("w", w))],
-        ode=ca.vertcat(v, skew * f + 3 * ca.sin(t), w, ca.cos(1.7 * t) - y - 0.4 * f),
-        t=t,
-        contacts=[Contact("tip", skew * v - 0.4 * w, f, Coulomb(0.4, 0.8))],
-    )
+    states = [Signal(n, s, value=0.0) for n, s in (("x", x), ("v", v), ("y", y), ("w", w))]
+    ode = ca.vertcat(v, skew * f + 3 * ca.sin(t), w, ca.cos(1.7 * t) - y - 0.4 * f)
+    contacts = [Contact("tip", skew * v - 0.4 * w, f, Coulomb(0.4, 0.8))]
+    model = Model("cam", states, ode, t=t, contacts=contacts)
     sharp = simulate(model, 30.0, tolerance=SHARP, route="python")
     assert {"stick", "release"} <= {event.kind for event in sharp.events}
     for relative in (1e-6, 1e-8, 1e-11):
@@ -247,9 +214,8 @@ def test_cvodes_is_right_or_refuses(v_reg: float, relative: float):
     model = sine_worm(Coulomb(1.0, 10.0))
     exact = simulate(model, 10.0, tolerance=SHARP, route="native")
     tolerance = Tolerance(relative, 0.1 * relative)
-    motion, code = attempted(
-        model, 10.0, contact=Smooth(v_reg), tolerance=tolerance, route="cvodes"
-    )
+    contact = Smooth(v_reg)
+    motion, code = attempted(model, 10.0, contact=contact, tolerance=tolerance, route="cvodes")
     if code:
         assert code == "layer_not_resolved"
         assert v_reg < 1e-6
@@ -265,8 +231,8 @@ def test_cvodes_is_right_or_refuses(v_reg: float, relative: float):
 def test_without_a_compiler_the_same_steps_are_taken_in_python():
     smooth = simulate(tracked("derivative"), 10.0, contact=Smooth())
     assert smooth.route == "python"
-    assert smooth.end == pytest.approx(TRACK["derivative"], abs=1e-9)
-    exact = simulate(magnetic_pair(), 20.0, tolerance=SHARP)
+    assert smooth.end == pytest.approx(TRACKED["derivative"], abs=1e-9)
+    exact = simulate(mag2(), 20.0, tolerance=SHARP)
     assert exact.route == "python"
     assert sum(event.kind == "stick" for event in exact.events) == 5
     watched = simulate(
@@ -294,7 +260,7 @@ def test_stiff_motions_go_to_cvodes(compiler: bool, request: pytest.FixtureReque
 @pytest.mark.usefixtures("no_compiler")
 def test_compiled_steps_are_refused_without_a_compiler():
     with pytest.raises(CompilerError, match="no C compiler"):
-        simulate(magnetic_pair(), 1.0, route="native")
+        simulate(mag2(), 1.0, route="native")
 
 
 def test_a_worm_in_and_out_of_its_tube_moves_alike():
@@ -311,7 +277,6 @@ def test_a_worm_in_and_out_of_its_tube_moves_alike():
 # -- the whole motion ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize("contact", [Exact(), Smooth()])
 def test_the_kept_motion_holds_the_samples(route: Route, contact: Treatment):
     t = np.linspace(0, 10, 237)
@@ -329,7 +294,7 @@ def test_the_kept_motion_holds_the_samples(route: Route, contact: Treatment):
 @pytest.mark.parametrize(
     ("model", "options", "words"),
     [
-        (magnetic_pair(), {}, "no exact contact"),
+        (mag2(), {}, "no exact contact"),
         (bouncing_ball(), {}, "no switches"),
         (scalar("x"), {"dense": True}, "do not keep the motion"),
     ],
@@ -340,9 +305,8 @@ def test_sundials_says_what_it_cannot(model: Model, options: dict, words: str):
 
 
 def test_contacts_that_never_rest_need_no_smoothing():
-    worm = chain(
-        1, mass=1.0, stiffness=5.0, damping=0.0, rest_length=1.0, law=Viscous(0.5), velocity=1
-    )
+    law = Viscous(0.5)
+    worm = chain(1, mass=1.0, stiffness=5.0, damping=0.0, rest_length=1.0, law=law, velocity=1)
     a, b = (simulate(worm, 3.0, route=route) for route in ("native", "cvodes"))
     assert b.end == pytest.approx(a.end, abs=1e-9)
 

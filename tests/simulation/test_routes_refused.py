@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import simulated
-from on_routes import ALL, STEPPING, attempted, bouncing_ball, event_times, scalar, sine_worm
+from on_routes import ALL, attempted, bouncing_ball, event_times, scalar, sine_worm
 
 from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb
@@ -35,7 +35,7 @@ def test_growth_beyond_bounds_keeps_what_there_is(route: Route):
     assert (error.code == "solver_failed") == (route == "cvodes")
     motion = error.partial
     assert 0.95 < motion.end_time < 1 + 1e-9
-    assert len(motion.time) > 90
+    assert motion.time.tolist() == t[: len(motion.time)].tolist()
     known = motion.time < 0.9
     assert motion.states[0, known] == pytest.approx(1 / (1 - motion.time[known]), rel=1e-6)
 
@@ -58,7 +58,6 @@ def test_work_without_end_is_refused(route: Route):
     assert error.partial.n_steps <= 500
 
 
-@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize("most", [60, 61, 62, 63])
 def test_steps_that_are_too_inexact_count_as_work(route: Route, most: int):
     """Pulses of a width that the steps between them do not know."""
@@ -71,7 +70,6 @@ def test_steps_that_are_too_inexact_count_as_work(route: Route, most: int):
     assert error.partial.n_steps + error.partial.n_rejected == most
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_no_polynomial_is_fitted_that_nobody_asks_for(route: Route):
     """Twelve evaluations for a step, three more for a sample within it, two at the start."""
     y = ca.SX.sym("y", 2)
@@ -82,7 +80,6 @@ def test_no_polynomial_is_fitted_that_nobody_asks_for(route: Route):
         assert motion.n_evaluations == 12 * motion.n_steps + 2 + 3 * (len(times) - 1)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_guard_that_is_no_number_is_refused(route: Route):
     x, t = ca.SX.sym("x"), ca.SX.sym("t")
     guard = Switch("root", ca.sqrt(1 - t), x)
@@ -92,7 +89,6 @@ def test_a_guard_that_is_no_number_is_refused(route: Route):
     assert error.partial.end_time <= 1.0
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_infinitely_many_bounces_are_refused(route: Route):
     error = refused(bouncing_ball(), 10.0, route)
     assert error.code == "events_accumulate"
@@ -103,7 +99,6 @@ def test_infinitely_many_bounces_are_refused(route: Route):
     assert abs(motion.end[0]) < 1e-6
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_events_that_hardly_let_time_pass_are_refused(route: Route):
     """A clock that ticks every 1e-12 s, for 1 s."""
     w = ca.SX.sym("w")
@@ -114,7 +109,6 @@ def test_events_that_hardly_let_time_pass_are_refused(route: Route):
     assert error.partial.end_time < 1e-9
 
 
-@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize(("share", "ticks"), [(0.99, 64), (1.01, 150)])
 def test_as_many_events_are_allowed_as_functions_are_watched(
     route: Route, share: float, ticks: int
@@ -136,7 +130,6 @@ def test_as_many_events_are_allowed_as_functions_are_watched(
     assert code == ("" if ticks == 150 else "events_accumulate")
 
 
-@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize(("hits", "code"), [(30, ""), (31, "events_accumulate")])
 def test_at_one_instant_switches_may_fire_each_other_ten_times_each(
     route: Route, hits: int, code: str
@@ -161,7 +154,6 @@ def test_at_one_instant_switches_may_fire_each_other_ten_times_each(
     assert (motion.end[2], len(motion.events)) == (hits, hits + 1)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_a_guard_that_a_jump_has_lowered_fires_with_another_of_the_same_value(route: Route):
     """x = t goes back by 2 at 2 with one exact step to each event."""
     x, a, b = (ca.SX.sym(name) for name in ("x", "a", "b"))
@@ -191,7 +183,6 @@ def test_progress_is_the_share_of_the_time_that_has_passed():
     assert said == pytest.approx([0, 500 / 1600, 1000 / 1600, 1500 / 1600], abs=1e-9)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_forces_left_open_are_refused(route: Route):
     """All but: of their matrix the determinant is 7e-11."""
     x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
@@ -207,15 +198,12 @@ def test_forces_left_open_are_refused(route: Route):
 def relaxation() -> Model:
     """Van der Pol's oscillator, very stiff; counts how often x rises through 0."""
     x, count = ca.SX.sym("x", 2), ca.SX.sym("count")
-    return Model(
-        "relaxation",
-        x=[Signal("x", x, value=(2.0, 0.0)), Signal("count", count, value=0.0)],
-        ode=ca.vertcat(x[1], 1e3 * (1 - x[0] ** 2) * x[1] - x[0], 0),
-        switches=[Switch("rises", x[0], ca.vertcat(x, count + 1))],
-    )
+    states = [Signal("x", x, value=(2.0, 0.0)), Signal("count", count, value=0.0)]
+    ode = ca.vertcat(x[1], 1e3 * (1 - x[0] ** 2) * x[1] - x[0], 0)
+    switches = [Switch("rises", x[0], ca.vertcat(x, count + 1))]
+    return Model("relaxation", states, ode, switches=switches)
 
 
-@pytest.mark.parametrize("route", STEPPING)
 def test_explicit_steps_give_up_where_they_would_crawl(route: Route):
     error = refused(relaxation(), 4e4, route)
     assert error.code == "stiff"

@@ -37,14 +37,10 @@ t = ca.SX.sym("t")
 def arm(limit: float = LIMIT, gain: Any = 1.0, size: int = 1) -> Model:
     """Angles whose accelerations are `gain` times the torques."""
     angle, rate, tau = (ca.SX.sym(name, size) for name in ("angle", "rate", "tau"))
-    return Model(
-        "arm",
-        x=[Signal("angle", angle, "angle", value=0.0), Signal("rate", rate, value=0.0)],
-        ode=ca.vertcat(rate, ca.DM(gain) @ tau),
-        u=[Signal("tau", tau, lower=-limit, upper=limit)],
-        t=t,
-        outputs=[Output("turned", angle, "angle")],
-    )
+    states = [Signal("angle", angle, "angle", value=0.0), Signal("rate", rate, value=0.0)]
+    ode = ca.vertcat(rate, ca.DM(gain) @ tau)
+    inputs = [Signal("tau", tau, lower=-limit, upper=limit)]
+    return Model("arm", states, ode, u=inputs, t=t, outputs=[Output("turned", angle, "angle")])
 
 
 def swing(plant: Model, size: int = 1) -> Reference:

@@ -64,9 +64,8 @@ def softened(level: float) -> Trajectory:
     """With k tau² of 8 masses: a bounce of a tenth; all errors fall with the level."""
     fed = replace(feed(BLOCK, BLOCK.u, PUSHED.symbol), schedules=[PUSHED])
     soft = smooth_walls(fed, 2e4 / level**2, smoothing=1e-6 * level**2, relaxation=2e-2 * level)
-    return simulate(
-        soft, END, contact=Smooth(1e-2 * level), tolerance=LOOSE, times=np.linspace(0, END, 141)
-    )
+    times = np.linspace(0, END, 141)
+    return simulate(soft, END, contact=Smooth(1e-2 * level), tolerance=LOOSE, times=times)
 
 
 def marched(step: float) -> StepRecord:
@@ -163,9 +162,8 @@ def test_a_rod_in_a_travelling_field_moves_alike():
     for tau in (4e-4, 1.2e-4, 4e-5):
         soft = smooth_walls(fed, 8e-3 / tau**2, smoothing=1e-13, relaxation=tau)
         times = np.linspace(0, end, 101)
-        motion = simulate(
-            soft, end, x0=start, contact=Smooth(3.3 * tau), tolerance=LOOSE, times=times
-        )
+        contact = Smooth(3.3 * tau)
+        motion = simulate(soft, end, x0=start, contact=contact, tolerance=LOOSE, times=times)
         assert motion.route == "idas"
         own = rod.weights @ motion.states[:n] / rod.length
         shape = np.array([np.interp(times, sharp.time, row) for row in across])
@@ -204,11 +202,8 @@ def test_models_without_walls_are_refused():
         for c in BLOCK.contacts
         if c.normal_force is not None
     ]
-    bare = replace(
-        BLOCK,
-        contacts=[replace(c, normal_force=None) for c in BLOCK.contacts],
-        u=[*BLOCK.u, *pressed],
-    )
+    contacts = [replace(c, normal_force=None) for c in BLOCK.contacts]
+    bare = replace(BLOCK, contacts=contacts, u=[*BLOCK.u, *pressed])
     with pytest.raises(ArgumentError, match="no normal force"):
         smooth_walls(bare, 1.0, smoothing=1.0, relaxation=0.0)
     (floor, ceiling), pull = BLOCK.contacts, BLOCK.u[0].symbol

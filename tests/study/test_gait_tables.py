@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effort import examples
+from hints import Folders
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -56,11 +57,7 @@ def test_units_of_a_gait_table_are_converted(tmp_path: Path, head: str):
         ("t [ms];l_0 [mm] left;l_1 [mm]", "SI", r'"mm" seems to be its unit; write l_0 \[mm\]'),
         ("t [ms];l_0 in millimetres;l_1 [mm]", "SI", r'"mm" seems to be .* write l_0 \[mm\]'),
         ("t in ms;l_0;l_1", "dimensionless", 'column t: a unit, "ms", in a scene without'),
-        (
-            "t;l_0 mm;l_1 mm",
-            "dimensionless",
-            'column l_0 mm: "mm" seems to be its unit; write l_0$',
-        ),
+        ("t;l_0 mm;l_1 mm", "dimensionless", 'column l_0 mm: "mm" seems to be .*; write l_0$'),
     ],
 )
 def test_units_that_cannot_be_converted_are_refused(
@@ -101,8 +98,7 @@ def test_decimal_commas_with_three_digits_are_read(cells: str):
     wrong: list[Wrong] = []
     table = parse_table(f"t;x\n{cells}\n", wrong)
     assert table is not None
-    assert not wrong
-    assert table.values["x"][1] == 2.345
+    assert (wrong, table.values["x"][1]) == ([], 2.345)
 
 
 def scene_of(folder: Path, units: str) -> dict:
@@ -253,7 +249,7 @@ def test_cycles_and_sizes_that_cannot_be_are_refused(tmp_path: Path, text: str, 
     knots=st.lists(st.floats(0.5, 2.0), min_size=8, max_size=8),
 )
 def test_a_piecewise_cubic_with_its_breaks_is_read_to_the_last_digits(
-    tmp_path_factory: pytest.TempPathFactory, cuts: list[float], knots: list[float]
+    tmp_path_factory: Folders, cuts: list[float], knots: list[float]
 ):
     breaks = np.concatenate([[0.0], np.cumsum([0.5, *cuts])])
     lengths = np.array([*knots[: len(breaks) - 1], knots[0]])
@@ -283,9 +279,7 @@ PIECES = st.sampled_from(
 
 @settings(max_examples=examples(200))
 @given(text=st.lists(PIECES, max_size=30).map("".join), time=st.sampled_from(["", "time"]))
-def test_whatever_a_text_holds_is_read_or_refused(
-    tmp_path_factory: pytest.TempPathFactory, text: str, time: str
-):
+def test_whatever_a_text_holds_is_read_or_refused(tmp_path_factory: Folders, text: str, time: str):
     for named in (True, False):
         wrong: list[Wrong] = []
         found = parse_table(text, wrong, time=time, named=named)

@@ -100,6 +100,14 @@ def test_numbers_beyond_their_bounds_are_refused_and_others_are_not():
     assert looked > 1000
 
 
+def test_keys_without_a_default_are_missed():
+    for table in tables():
+        found: list[Fault] = []
+        read_table({}, table, "", "", found)
+        needed = {f.name for f in msgspec.structs.fields(table) if f.required}
+        assert needed <= {key for key, words in found if words.startswith("missing; write ")}, table
+
+
 def test_a_key_near_a_known_one_is_meant():
     for table, field in FIELDS:
         known = {*table.__struct_fields__, table.__struct_config__.tag_field}

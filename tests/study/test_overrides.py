@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from effort import examples
+from hints import Capture, Patch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -91,9 +92,6 @@ def test_any_dict_changes_a_scene_or_is_refused(changes: dict[str, Any]):
         assert error.faults  # noqa: PT017  both are right
 
 
-# -- hints -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("arguments", "hint"),
     [
@@ -111,11 +109,7 @@ def test_any_dict_changes_a_scene_or_is_refused(changes: dict[str, Any]):
     ],
 )
 def test_what_may_be_meant_is_said(
-    arguments: list[str],
-    hint: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments: list[str], hint: str, tmp_path: Path, monkeypatch: Patch, capsys: Capture
 ):
     monkeypatch.chdir(tmp_path)
     for file in (Path("robot.toml"), Path("mine/robot.toml")):

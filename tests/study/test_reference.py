@@ -9,6 +9,7 @@ from typing import Any
 import jsonschema
 import msgspec
 import pytest
+from hints import Capture, Patch
 from places import DOCS
 
 from wormopt.cli import main
@@ -79,14 +80,12 @@ def test_packaged_scenes_keep_to_the_schema(name: str):
     assert not validator(raw["kind"]).is_valid(wrong)
 
 
-def test_the_command_prints_the_schema(capsys: pytest.CaptureFixture[str]):
+def test_the_command_prints_the_schema(capsys: Capture):
     assert main(["schema", "film-flow"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(schema("film-flow")))
 
 
-def test_help_shows_the_page_of_a_kind(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_help_shows_the_page_of_a_kind(capsys: Capture, monkeypatch: Patch):
     assert main(["help", "gait"]) == 0
     assert capsys.readouterr().out == page("gait")
     monkeypatch.setenv("COLUMNS", "100")

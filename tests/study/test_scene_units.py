@@ -151,9 +151,6 @@ def test_any_text_is_read_or_refused(text: str):
             assert math.isfinite(to_number(text, "length", "SI"))
 
 
-# -- in scenes -------------------------------------------------------------------------------------
-
-
 def test_a_scene_with_units_is_the_same_scene(tmp_path: Path):
     scene = wo.load_scene("prototype_steps")
     units = {

@@ -49,9 +49,6 @@ def test_what_is_left_out_leaves_a_result_unchecked_above_one():
     assert isinstance(left_out(1.0 + 1e-9, "large"), Unchecked)
 
 
-# -- films -----------------------------------------------------------------------------------------
-
-
 def _film(inertia: float, weight: float) -> dict[str, float]:
     """A fluid with such eps Re = d² ω / ν and weight over pressure = g d³ k² / (ν ω)."""
     depth, wavelength, density = 5e-4, 1e-2, 1100.0
@@ -109,8 +106,6 @@ def test_all_kinds_of_films_are_alike(kind: str):
     assert result.status == "unchecked", result.reason
     assert "eps Re is 10" in result.reason
 
-
-# -- comparisons -----------------------------------------------------------------------------------
 
 SMALL_COMPARISON = {
     "draws.members": 2,

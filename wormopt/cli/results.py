@@ -288,7 +288,9 @@ _FORMATS = {
     "mat": "write a MATLAB file with the whole result",
     "c": "write C99 source that evaluates the gait exactly, with a test program",
     "ros": "write the gait as a ROS message trajectory_msgs/JointTrajectory, in YAML",
-    "fmu": "write the model as an FMI 3.0 unit for model exchange, with smooth friction",
+    "mjcf": "write the worm for MuJoCo, with keyframes of its gait",
+    "urdf": "write the worm as URDF, with a CSV table of its joints",
+    "fmu": "write the model as an FMI 3.0 unit, with smooth friction",
 }
 
 
@@ -296,7 +298,7 @@ def add_export(commands: Any) -> None:
     """Add the command to a parser's."""
     command = commands.add_parser(
         "export",
-        help="export a saved result to CSV, MATLAB, C, ROS or FMI",
+        help="export a saved result to CSV, MATLAB, C, ROS, MuJoCo, URDF or FMI",
         description="Export a saved result in one or more formats. If one file cannot be "
         "written, none is.",
         allow_abbrev=False,
@@ -317,8 +319,9 @@ def add_export(commands: Any) -> None:
     command.add_argument(
         "--step",
         metavar="TIME",
-        help="time between rows of --csv (default: the result's samples) and points of --ros "
-        "(default: 0.01), such as 0.01 or '10 ms'",
+        help="time between rows of --csv (default: the result's samples), points of --ros and rows "
+        "of --urdf (default: 0.01), or largest time step of --mjcf (default: 0.001), such as 0.01 "
+        "or '10 ms'",
     )
     command.add_argument(
         "--cycles",
@@ -355,6 +358,7 @@ def _export(options: argparse.Namespace) -> int:
         return BAD_INPUT
     result = result_at(options.result)
     from wormopt.exports.export import SUFFIXES, export
+    from wormopt.exports.robot import DIFFERS
     from wormopt.exports.ros import ENDS_AT
 
     files = export(
@@ -372,11 +376,11 @@ def _export(options: argparse.Namespace) -> int:
         state = "failed" if result.status == "failed" else "is unchecked"
         say(f"{result.scene}: warning: the result {state}; the files state it: {result.reason}")
     for file in files:
-        if "ros" in options.formats and file.suffix == SUFFIXES["ros"]:
-            head = file.read_text(encoding="utf-8").partition("header:")[0]
-            for line in head.splitlines():
-                if line.startswith(f"# {ENDS_AT}"):
-                    say(f"{file.name}: {line[2:]}")
+        if file.suffix in (SUFFIXES["ros"], SUFFIXES["mjcf"], SUFFIXES["urdf"]):
+            head = re.split("header:|-->", file.read_text(encoding="utf-8"), maxsplit=1)[0]
+            for line in (line.removeprefix("# ") for line in head.splitlines()):
+                if line.startswith((ENDS_AT, DIFFERS)):
+                    say(f"{file.name}: {line}")
     if not options.quiet:
         for file in files:
             print(file)

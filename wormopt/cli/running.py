@@ -247,8 +247,8 @@ def _sweep(options: argparse.Namespace) -> int:
     kept = _first_below(folder, store)
     output = Output(folder, scene.name, "sweep", kept=(POINTS, kept), force=options.force)
     output = check_output(output, files)
+    from wormopt.families.sweep import sweep
     from wormopt.numerics.workers import Engine
-    from wormopt.sweeps.sweep import sweep
 
     code = DONE
     try:

@@ -44,7 +44,7 @@ def make(
         return {f"{stem}.csv": _text(_kept(about, found), found)}
     head = remarks(result)
     if result.kind == "sweep" and step is None and not columns:
-        from wormopt.sweeps.gathered import as_csv
+        from wormopt.families.gathered import as_csv
 
         return {f"{stem}.csv": (_comments(head) + as_csv(result)).encode()}
     own = [v.name for v in result.variables if v.dims == (v.name,)]

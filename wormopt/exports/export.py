@@ -18,8 +18,16 @@ if TYPE_CHECKING:
     from wormopt.model.model import Model
     from wormopt.result import Result
 
-Format = Literal["csv", "mat", "c", "ros", "fmu"]
-SUFFIXES: dict[str, str] = {"csv": ".csv", "mat": ".mat", "c": ".c", "ros": ".yaml", "fmu": ".fmu"}
+Format = Literal["csv", "mat", "c", "ros", "fmu", "mjcf", "urdf"]
+SUFFIXES: dict[str, str] = {
+    "csv": ".csv",
+    "mat": ".mat",
+    "c": ".c",
+    "ros": ".yaml",
+    "fmu": ".fmu",
+    "mjcf": ".xml",
+    "urdf": ".urdf",
+}
 
 
 def export(
@@ -41,16 +49,19 @@ def export(
     what : Result, Gait or Model
         A Result goes to all formats, as far as it holds what they need; a Gait to "c" and "ros",
         a Model to "fmu".
-    formats : {"csv", "mat", "c", "ros", "fmu"}, or several of them
+    formats : {"csv", "mat", "c", "ros", "fmu", "mjcf", "urdf"}, or several of them
         CSV tables; a MATLAB file; C99 source of the gait; the gait as a ROS message
-        trajectory_msgs/JointTrajectory in YAML; an FMI 3.0 model exchange unit of the model, its
-        friction smooth.
+        trajectory_msgs/JointTrajectory in YAML; an FMI 3.0 unit of the model, its
+        friction smooth; the worm for physics engines, as MJCF with keyframes of the gait or as
+        URDF with a table of its joints.
     path : str or path, optional
-        A folder, or, for one format, a file with its suffix (.csv, .mat, .c, .yaml, .fmu). By
-        default files are named by the scene, in the current folder.
+        A folder, or, for one format, a file with its suffix (.csv, .mat, .c, .yaml, .fmu, .xml,
+        .urdf). By default files are named by the scene, in the current folder.
     step : float or str, optional
         Time between rows of a CSV table, by default those of the result, and between points of
-        a ROS trajectory, by default 0.01; or "10 ms" where a result has units.
+        a ROS trajectory, by default 0.01; or "10 ms" where a result has units. Largest time step
+        of MJCF, by default 0.001, and between rows of the table beside URDF, by default 0.01:
+        both divide the cycle.
     cycles : int, optional
         Cycles of the gait in a ROS trajectory.
     columns : sequence of str, optional
@@ -136,6 +147,14 @@ def _made(what: Result | Gait | Model, into: str, stem: str, asked: _Asked) -> d
         from wormopt.exports.fmu import make, plants_of
 
         return make(plants_of(what), stem)
+    if into in ("mjcf", "urdf"):
+        from wormopt.exports import mjcf, urdf
+        from wormopt.exports.robot import robot_of
+
+        robot = robot_of(what)
+        if into == "mjcf":
+            return mjcf.make(robot, stem, 0.001 if asked.step is None else asked.step)
+        return urdf.make(robot, stem, 0.01 if asked.step is None else asked.step)
     if into in ("c", "ros"):
         from wormopt.exports import c_source, ros
         from wormopt.exports.common import Course

@@ -1,9 +1,9 @@
-"""FMI 3.0: a Model as an FMU for model exchange, its contacts smooth, by CasADi's own export.
+"""FMI 3.0: a Model as an FMU, its contacts smooth, by CasADi's own export.
 
 CasADi 3.8 writes code and description of the model. Corrections: its wrapper does not evaluate
 again when only time is set, uses time 0 in derivatives, and 1 for the nominal size of every state;
-the description lacks units and dependence on time. `tests/exports/test_exported_programs.py`
-checks each.
+the description lacks units and dependence on time. Co-simulation and saved states are ours, in
+`co_simulation.c`. `tests/exports/test_exported_programs.py` checks each.
 """
 
 from __future__ import annotations
@@ -62,8 +62,13 @@ def mend_description(path: Path, name: str, text: str, timed: bool) -> None:
         if timed:
             unknown.set("dependencies", f"0 {unknown.get('dependencies', '')}".strip())
     units = {v.get("unit"): None for v in variables if v.get("unit")}
-    places = [*root]
-    after = places.index(root.find("ModelExchange")) + 1  # pyright: ignore[reportArgumentType]
+    exchange = root.find("ModelExchange")
+    assert exchange is not None
+    exchange.set("canGetAndSetFMUState", "true")
+    after = [*root].index(exchange) + 1
+    stepped = {"canHandleVariableCommunicationStepSize": "true"}
+    root.insert(after, ElementTree.Element("CoSimulation", {**exchange.attrib, **stepped}))
+    after += 1
     root.insert(after, ElementTree.Element("DefaultExperiment", startTime="0"))
     if units:
         defined = ElementTree.Element("UnitDefinitions")
@@ -104,11 +109,33 @@ _HEADER = "fmi3Functions.h"
 # Lines of CasADi's wrapper, and their corrections.
 _MENDED = (
     ("m->t = time;", "m->t = m->v[0] = time;\n  m->up_to_date = 0;"),
-    ("m->t = startTime;", "m->t = m->v[0] = startTime;\n  m->up_to_date = 0;"),
+    (
+        "m->t = startTime;",
+        "m->t = m->v[0] = startTime;\n  m->up_to_date = 0;\n  m->h = 0;\n"
+        "  m->relative = toleranceDefined && tolerance > 0 ? tolerance : 1e-6;",
+    ),
     ("m->arg[i++] = 0;  // t", "m->arg[i++] = &m->t;"),
     ("\nfmi3Status fmi3Get", "\nFMI3_Export fmi3Status fmi3Get"),
     ("nominals[i] = 1;", "nominals[i] = nominal[i];"),
+    ("} casadi_fmi_memory;", "  double relative, h; // of co-simulation\n} casadi_fmi_memory;"),
+    ("#include <fmi3", "#include <math.h>\n#include <string.h>\n#include <fmi3"),
 )
+# Functions that the wrapper does not implement, and their bodies.
+_FILLED = {
+    "fmi3InstantiateCoSimulation": "return fmi3InstantiateModelExchange(instanceName, "
+    "instantiationToken, resourcePath, visible, loggingOn, instanceEnvironment, logMessage);",
+    "fmi3EnterStepMode": "return fmi3OK;",
+    "fmi3DoStep": "*eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;\n"
+    "  *lastSuccessfulTime = currentCommunicationPoint + communicationStepSize;\n"
+    "  return step_to((casadi_fmi_memory*)instance, currentCommunicationPoint, "
+    "*lastSuccessfulTime);",
+    "fmi3GetFMUState": "if (!*FMUState) *FMUState = malloc(sizeof(casadi_fmi_memory));\n"
+    "  if (!*FMUState) return fmi3Error;\n"
+    "  memcpy(*FMUState, instance, sizeof(casadi_fmi_memory));\n  return fmi3OK;",
+    "fmi3SetFMUState": "memcpy(instance, FMUState, sizeof(casadi_fmi_memory));\n  return fmi3OK;",
+    "fmi3FreeFMUState": "free(*FMUState);\n  *FMUState = 0;\n  return fmi3OK;",
+}
+_STUB = r"( {name}\([^{{}}]*{{\n)  // Not implemented\n  return [^;]*;"
 _MACHINES = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}
 
 
@@ -142,7 +169,12 @@ def _archive(plant: Plant, stem: str) -> bytes:
         text = wrapper.read_text(encoding="utf-8")
         for old, new in _MENDED:
             text = text.replace(old, new)
+        for function, body in _FILLED.items():
+            text = re.sub(_STUB.format(name=function), rf"\1  {body}", text)
         text = text.replace(*_nominals(plant.model))
+        steps = Path(__file__).with_name("co_simulation.c").read_text(encoding="utf-8")
+        reset = "FMI3_Export fmi3Status fmi3Reset"
+        text = text.replace(reset, f"{steps}{reset}", 1)
         wrapper.write_text(text, encoding="utf-8", newline="\n")
         mend_description(Path("modelDescription.xml"), stem, _description(plant), _timed(plant))
         only_sources(Path("buildDescription.xml"))

@@ -23,6 +23,7 @@ from multiprocessing import current_process, parent_process
 from typing import Any, Literal, TypeVar, get_args
 
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.progress import Report, silent
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
@@ -217,6 +218,24 @@ class Workers:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def each(
+    work: Callable[[Job], Answer],
+    jobs: Sequence[Job],
+    report: Report = silent,
+    text: str = "",
+    count: int | None = None,
+) -> Iterator[tuple[int, Answer]]:
+    """Do the same with every job; yields number and answer of each as soon as it is done.
+
+    For long jobs, like `Workers.as_completed`, with a report after each; `count` as for `Workers`.
+    """
+    with Workers(count) as workers:
+        workers.count = min(workers.count, max(len(jobs), 1))
+        for done, (k, answer) in enumerate(workers.as_completed(work, jobs), 1):
+            yield k, answer
+            report(f"{text}: {done} of {len(jobs)}", done / len(jobs))
 
 
 def alone(work: Callable[[Job], Answer], job: Job) -> Answer:

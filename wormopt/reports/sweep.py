@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.digest import BETTER
+from wormopt.families.gathered import NUMBERED, STATUS, as_typed
 from wormopt.files import POINTS
 from wormopt.quantities import Variable
 from wormopt.reports.parts import (
@@ -27,7 +28,6 @@ from wormopt.reports.pictures import pictures
 from wormopt.reports.source import Source
 from wormopt.reports.worm import motion_html, moving, rod
 from wormopt.result import Result
-from wormopt.sweeps.gathered import NUMBERED, STATUS, as_typed
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,8 @@ Points = Annotated[int, Meta(ge=1, le=_MOST, description=f"a whole number from 1
 class Swept(Given):
     """Keys that are varied when the scene is swept; `wormopt run` leaves them as they are."""
 
-    pictures: ClassVar = {"sweep": "wormopt.sweeps.pictures:sweep"}
-    exports: ClassVar = {"points.csv": "wormopt.sweeps.gathered:as_csv"}
+    pictures: ClassVar = {"sweep": "wormopt.families.pictures:sweep"}
+    exports: ClassVar = {"points.csv": "wormopt.families.gathered:as_csv"}
 
     over: dict[str, Any] = entry(
         'dotted key = values: a list, `"1:10:10"` (ten from 1 to 10), `"1:100:5:log"`, or '

@@ -44,43 +44,6 @@ def value(model: Model, expression: ca.SX, at: dict[str, np.ndarray]) -> np.ndar
     return np.array(function(*(at[s.name] for s in signals), at["force"])).ravel()
 
 
-@given(seed=seeds)
-def test_three_masses_obey_the_corrected_equations_of_motion(seed: int):
-    """(10), written out by hand; exact, since all numbers are whole."""
-    model = worm(2)
-    at = drawn(model, seed)
-    (x0, x1, x2), (v0, v1, v2), (u1, u2) = (at[k] for k in ("position", "velocity", "input"))
-    (c1, c2), (d1, d2), (r1, r2) = (at[k] for k in ("stiffness", "damping", "rest_length"))
-    ground = at["force"] - at["drag"] * at["velocity"] - at["load"]
-    first, second = c1 * (x0 - x1 - r1), c2 * (x1 - x2 - r2)
-    by_hand = [
-        -first - d1 * (v0 - v1) + u1,
-        first - second + d1 * (v0 - v1) - d2 * (v1 - v2) + u2 - u1,
-        second + d2 * (v1 - v2) - u2,
-    ]
-    ode = value(model, model.ode, at)
-    assert np.array_equal(ode[:3], at["velocity"])
-    assert np.array_equal(ode[3:], (ground + by_hand) / at["mass"])
-
-
-def test_the_printed_row_of_the_middle_mass_breaks_newtons_third_law():
-    """As printed, mass 1 feels c_2 in front and c_1 behind: momentum would come from nothing."""
-    c1, c2, d1, d2, front, behind, v01, v12 = np.random.default_rng(3).integers(1, 9, 8)
-    head, tail = -c1 * front - d1 * v01, c2 * behind + d2 * v12
-    assert head + (c1 * front - c2 * behind + d1 * v01 - d2 * v12) + tail == 0
-    assert head + (c2 * front - c1 * behind + d2 * v01 - d1 * v12) + tail != 0
-
-
-@given(links=st.integers(1, 8), seed=seeds)
-def test_links_make_no_momentum(links: int, seed: int):
-    """Newton's third law: the rate of the total momentum is the sum of the external forces."""
-    model = worm(links)
-    at = drawn(model, seed)
-    momentum_rate = at["mass"] @ value(model, model.ode, at)[links + 1 :]
-    external = at["force"] - at["drag"] * at["velocity"] - at["load"]
-    assert momentum_rate == external.sum()
-
-
 @given(links=st.integers(1, 8), seed=seeds)
 def test_every_mass_obeys_newton_with_the_forces_shown(links: int, seed: int):
     """m_i v_i' = external_i + mu_i - mu_{i+1} with mu_j = c (l - l0) + d l' - u, (8)."""
@@ -139,30 +102,6 @@ def test_a_stiffness_that_varies_in_time_adds_its_own_power(seed: int):
     stretch = -np.diff(numbers[0]) - 2.0
     by_hand = path.coefficients[0, :, 1] @ stretch**2 / 2
     assert float(found) == pytest.approx(by_hand, abs=1e-12)
-
-
-def test_relative_degree_two_and_high_frequency_gain():
-    """y'' = ... + [[2, -1], [-1, 2]] u / m, and y' knows nothing of u."""
-    model = worm(2, mass=4.0)
-    x, u = pack(model.x), pack(model.u)
-    rate = ca.jtimes(model["length"], x, model.ode)
-    assert not ca.depends_on(rate, u)
-    gain = ca.jacobian(ca.jtimes(rate, x, model.ode), u)
-    mass = model.p[0]
-    found = np.array(ca.Function("gain", [mass.symbol], [gain])(np.array(mass.value)))
-    assert np.array_equal(found, np.array([[2, -1], [-1, 2]]) / 4)
-    assert np.linalg.eigvalsh(found).min() > 0
-
-
-@pytest.mark.parametrize("drag", [0.0, 0.3])
-def test_zero_dynamics_are_the_common_motion(drag: float):
-    """Lengths held fixed, all masses move as one with V' = -(k/m) V: marginal without drag."""
-    model = worm(2, law=None, mass=2.0, drag=drag)
-    held = np.concatenate([[4.0, 2.0, 0.0], np.full(3, 0.7)])
-    numbers = [np.array(p.value) for p in model.p]
-    symbols = [pack(model.x), pack(model.u), *(p.symbol for p in model.p)]
-    ode = ca.Function("ode", symbols, [model.ode])(held, np.zeros(2), *numbers)
-    assert np.array(ode).ravel() == pytest.approx([*[0.7] * 3, *[-drag / 2 * 0.7] * 3])
 
 
 def test_the_chain_tells_what_it_is():

@@ -28,16 +28,9 @@ CUBICS = Gait(
 
 def worm() -> Model:
     return chain(
-        2,
-        mass=MASS,
-        stiffness=STIFFNESS,
-        damping=DAMPING,
-        rest_length=REST,
-        law=Coulomb(1.0, 10.0),
-        drag=DRAG,
-        load=LOAD,
-        velocity=[0.3, -0.1, 0.2],
-    )
+        2, mass=MASS, stiffness=STIFFNESS, damping=DAMPING, rest_length=REST,
+        law=Coulomb(1.0, 10.0), drag=DRAG, load=LOAD, velocity=[0.3, -0.1, 0.2],
+    )  # fmt: skip
 
 
 def course_by_hand(t: float, breaks: np.ndarray, periodic: bool) -> np.ndarray:
@@ -138,14 +131,10 @@ def test_other_values_of_the_course_need_no_other_model():
 
 def test_all_inputs_of_a_plant_are_driven_in_their_order():
     x, a, b = ca.SX.sym("x", 2), ca.SX.sym("a"), ca.SX.sym("b")
-    plant = Model(
-        "pair",
-        [Signal("x", x, value=0.0)],
-        ca.vertcat(a, b),
-        u=[Signal("a", a, "speed"), Signal("b", b, "force")],
-        switches=[Switch("limit", a * x[0] - 1, ca.vertcat(x[0], b))],
-        outputs=[Output("difference", a - b)],
-    )
+    states, inputs = [Signal("x", x, value=0.0)], [Signal("a", a, "speed"), Signal("b", b, "force")]
+    switches = [Switch("limit", a * x[0] - 1, ca.vertcat(x[0], b))]
+    outputs = [Output("difference", a - b)]
+    plant = Model("pair", states, ca.vertcat(a, b), u=inputs, switches=switches, outputs=outputs)
     driven = drive(plant, Gait(np.array([0.0, 1.0]), np.array([[[2.0], [-3.0]]])))
     assert simulate(driven, 0.2).end == pytest.approx([0.4, -0.6])
     motion = simulate(driven, 1.0)
@@ -199,12 +188,8 @@ def test_courses_that_do_not_fit_are_refused(build: Callable[[], object], messag
 def bounded(size: int = 1, *, lower: float = -np.inf, upper: float = np.inf) -> Model:
     """Places whose rates are the inputs."""
     x, u = ca.SX.sym("x", size), ca.SX.sym("u", size)
-    return Model(
-        "cart",
-        [Signal("x", x, value=0.0)],
-        u,
-        u=[Signal("u", u, "speed", lower=lower, upper=upper)],
-    )
+    inputs = [Signal("u", u, "speed", lower=lower, upper=upper)]
+    return Model("cart", [Signal("x", x, value=0.0)], u, u=inputs)
 
 
 def test_a_course_is_cut_to_the_bounds_of_its_inputs():

@@ -16,6 +16,7 @@ from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.oracles.by_symbols import Symbols
 from wormopt.analysis.linearise import linearise
 from wormopt.analysis.normal_form import NormalForm, normal_form
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
@@ -28,55 +29,18 @@ INTERNAL = ["center_of_mass", "center_velocity"]
 seeds = st.integers(0, 10**6)
 patient = settings(max_examples=examples(30))
 
-_STEPS = {
-    ca.OP_ADD: lambda a, b: a + b,
-    ca.OP_SUB: lambda a, b: a - b,
-    ca.OP_MUL: lambda a, b: a * b,
-    ca.OP_DIV: lambda a, b: a / b,
-    ca.OP_NEG: lambda a: -a,
-    ca.OP_INV: lambda a: 1 / a,
-    ca.OP_SQ: lambda a: a**2,
-    ca.OP_TWICE: lambda a: 2 * a,
-    ca.OP_ASSIGN: lambda a: a,
-}
-
 
 def in_sympy(model: Model, expression: ca.SX) -> tuple[Any, dict[str, list[Any]]]:
     """The expression and the model's symbols by name; masses and the like are positive."""
-    signals = {s.name: s.symbol for s in (*model.x, *model.u, *model.p)}
-    signals["contact"] = model.forces
-    positive = {"mass", "stiffness", "damping", "drag"}
-    known = {
-        name: [
-            sp.Symbol(f"{name}{i}", real=True, positive=True if name in positive else None)
-            for i in range(symbol.numel())
-        ]
-        for name, symbol in signals.items()
-    }
-    function = ca.Function("f", list(signals.values()), [ca.densify(expression)])
-    work: list[Any] = [None] * function.sz_w()
-    found = [sp.Integer(0)] * expression.numel()
-    names = list(signals)
-    steps: Any = function
-    for k in range(function.n_instructions()):
-        op, i, o = (f(k) for f in (steps.instruction_id, steps.instruction_input,
-                                   steps.instruction_output))  # fmt: skip
-        if op == ca.OP_INPUT:
-            work[o[0]] = known[names[i[0]]][i[1]]
-        elif op == ca.OP_OUTPUT:
-            found[o[1]] = work[i[0]]
-        elif op == ca.OP_CONST:
-            work[o[0]] = sp.nsimplify(function.instruction_constant(k))
-        else:
-            work[o[0]] = _STEPS[op](*(work[j] for j in i))
-    return sp.Matrix(*expression.shape[::-1], found).T, known
+    symbols = Symbols.of(model, positive=("mass", "stiffness", "damping", "drag"))
+    names = [*(s.name for s in (*model.x, *model.u, *model.p)), "contact"]
+    return symbols(expression), {name: list(symbols.column(name)) for name in names}
 
 
 @cache
 def form_of(links: int) -> NormalForm:
-    worm = chain(
-        links, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, law=Coulomb(1.0, 2.0)
-    )
+    law = Coulomb(1.0, 2.0)
+    worm = chain(links, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, law=law)
     return normal_form(worm, output="length", internal=INTERNAL)
 
 
@@ -222,10 +186,7 @@ def test_the_form_says_what_the_model_does(seed: int):
     form = normal_form(model, output="length", internal=INTERNAL)
     edges = np.eye(links, links + 1) - np.eye(links, links + 1, k=1)
     x, v, f = (random.normal(size=links + 1) for _ in range(3))
-    u, p = (
-        random.normal(size=links),
-        by_signal(model),
-    )
+    u, p = random.normal(size=links), by_signal(model)
     symbols = [pack(model.x), pack(model.u), pack(model.p), model.forces]
     at = np.concatenate([x, v]), u, p, f
     value = ca.Function("f", symbols, [model.ode, form.drift, form.gain, form.internal_rate])
@@ -283,9 +244,8 @@ def test_held_lengths_are_followed_by_the_whole_chain():
                  drag=[0.1, 0.4, 0.2, 0.3], load=0.2)  # fmt: skip
     form = normal_form(worm, output="length", internal=INTERNAL)
     u = pack(worm.u)
-    held = replace(
-        worm, u=(), ode=ca.substitute(worm.ode, u, -ca.solve(form.gain, form.drift)), outputs=()
-    )
+    ode = ca.substitute(worm.ode, u, -ca.solve(form.gain, form.drift))
+    held = replace(worm, u=(), ode=ode, outputs=())
     whole = simulate(held, 2.0, x0={"velocity": 1.5})
     rest = simulate(form.zero_dynamics(), 2.0, x0={"center_of_mass": 0.0, "center_velocity": 1.5})
     assert whole["velocity"][:, -1] == pytest.approx([rest["center_velocity"][0, -1]] * 4, rel=1e-9)

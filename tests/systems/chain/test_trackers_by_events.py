@@ -11,6 +11,7 @@ from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
 from wormopt.control.loop import Reference, gait_reference
 from wormopt.model.friction import Law
 from wormopt.model.model import Model
+from wormopt.model.schedule import ParameterPath
 from wormopt.simulation.options import Route
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
@@ -96,7 +97,26 @@ def drawn_ground(random: np.random.Generator) -> tuple[Ground, Law]:
     return grounds[random.choice(4, p=[0.4, 0.3, 0.2, 0.1])]
 
 
-def compare(name: str, by_springs: bool, seed: int, route: Route = "auto") -> None:
+@pytest.mark.parametrize(
+    ("name", "by_springs", "seed", "route"),
+    [
+        *(
+            (name, True, seed, "python")  # three or five links on grounds of several kinds
+            for name, seed in zip(
+                ("difference", "backstepping", "switching", "two gains"), (4, 4, 1, 4), strict=True
+            )
+        ),
+        *(
+            # in 0 an error touches its bound for 4e-4, which scipy's events step over
+            pytest.param(name, by_springs, seed, route, marks=pytest.mark.slow)
+            for name in TRACKERS
+            for by_springs in (False, True)
+            for route in ("native", "python")
+            for seed in (1, 2, 5, 6, 7, 8)
+        ),
+    ],
+)
+def test_trackers_on_random_worms(name: str, by_springs: bool, seed: int, route: Route):
     random = np.random.default_rng(seed)
     n = int(random.integers(1, 7))
     lag, gain = float(random.choice([0.07, 0.2, 3.0])), float(random.uniform(0.5, 1.0))
@@ -144,29 +164,13 @@ def compare(name: str, by_springs: bool, seed: int, route: Route = "auto") -> No
     assert sum(event.kind in ("stick", "reversal") for event in motion.events) == by_hand.count
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"), [("difference", 4), ("backstepping", 4), ("switching", 1), ("two gains", 4)]
-)
-def test_a_tracker_that_moves_rest_lengths_on_a_random_worm(name: str, seed: int):
-    """Three or five links on grounds of several kinds."""
-    compare(name, True, seed, "python")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("route", ["native", "python"])
-@pytest.mark.parametrize("by_springs", [False, True])
+@pytest.mark.parametrize("varies", [False, True])
 @pytest.mark.parametrize("name", TRACKERS)
-def test_trackers_on_random_worms(name: str, by_springs: bool, route: Route):
-    # in 0 an error touches its bound for 4e-4, which scipy's events step over
-    for seed in (1, 2, 5, 6, 7, 8):
-        compare(name, by_springs, seed, route)
-
-
-@pytest.mark.parametrize("name", TRACKERS)
-def test_what_is_commanded_is_a_force_or_moves_rest_lengths(name: str):
+def test_what_is_commanded_is_a_force_or_moves_rest_lengths(name: str, varies: bool):
     """(11): the force is c_j times as large, link by link, and a feed-forward stays as it is."""
-    plant = chain(2, mass=1.0, stiffness=[2.0, 7.0], damping=5.0, rest_length=2.0, drag=0.1,
-                  position=(4.2, 1.9, 0.0))  # fmt: skip
+    steps = ParameterPath(np.array([0.0, 0.5, 1.0]), np.array([[[3.0], [5.0]], [[7.0], [4.0]]]))
+    plant = chain(2, mass=1.0, stiffness=steps if varies else [2.0, 7.0], damping=5.0,
+                  rest_length=2.0, drag=0.1, position=(4.2, 1.9, 0.0))  # fmt: skip
     still = gait_reference(wo.Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.1)), plant.t)
     x = {"position": [4.1, 1.8, 0.0], "velocity": [0.3, -0.1, 0.2], "gain": 0.9}
     x |= dict.fromkeys(("trial_bound", "trial_end", "trial_time", "trial_margin"), 1.0)
@@ -182,6 +186,6 @@ def test_what_is_commanded_is_a_force_or_moves_rest_lengths(name: str):
     alone, moved, more = (
         simulate(loop, 1e-9, x0=start, times=[0.0], route="python")["input"][:, 0] for loop in loops
     )
-    assert moved == pytest.approx([2.0, 7.0] * alone, rel=1e-12)
+    assert moved == pytest.approx(([3.0, 5.0] if varies else [2.0, 7.0]) * alone, rel=1e-12)
     assert np.all(np.abs(alone) > 1e-3)
     assert more - moved == pytest.approx(3.0 * (2.1 - np.array([1.0, 1.5])), rel=1e-12)

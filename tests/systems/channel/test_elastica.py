@@ -43,9 +43,6 @@ def held_at(length: float, rise: float) -> BoundarySolution:
     return solve_boundary(elastica("length"), lambda s: (free.at(s), free.p), path)
 
 
-# -- two routes -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("rise", RISES)
 @pytest.mark.parametrize("closing", BOTH)
 def test_collocation_finds_what_elliptic_integrals_give(closing: Any, rise: float):
@@ -126,9 +123,6 @@ def test_closed_forms_are_the_integrals_over_the_angle(delta: float, closing: An
     assert over(half_square) == pytest.approx(exact.energy, rel=1e-6)
 
 
-# -- where solutions end --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("closing", BOTH)
 def test_each_rise_has_one_segment(closing: Any):
     """Rises grow with the largest angle, so that there is no second root."""
@@ -158,9 +152,6 @@ def test_point_contact_takes_any_rise():
     assert exact.length - 10 == pytest.approx(math.sqrt(2) - 1, abs=1e-8)
     with pytest.raises(ArgumentError, match="must be in"):
         exact_elastica("point_contact", 100.0)
-
-
-# -- energies -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rise", [0.3, 0.7, 1.5])
@@ -194,9 +185,6 @@ def test_point_contact_is_the_given_length_that_needs_no_tension():
     assert held.p[1:] == pytest.approx([exact.reaction, 0.0], abs=1e-10)
 
 
-# -- solver ---------------------------------------------------------------------------------------
-
-
 def test_the_error_falls_geometrically_with_the_degree():
     exact = exact_elastica("point_contact", 0.7)
     errors = [
@@ -208,17 +196,16 @@ def test_the_error_falls_geometrically_with_the_degree():
     assert errors[2] < errors[1] / 50
 
 
-def test_what_is_not_resolved_is_told():
+def test_what_is_not_resolved_and_a_guess_that_leads_nowhere_are_told():
     with pytest.raises(SolveError, match="do not resolve") as caught:
         solve("point_contact", 5.0, degree=16, most=32)
     assert caught.value.code == "unresolved"
 
+    def nowhere(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.full((5, len(s)), np.nan), np.zeros(3)
 
-def test_a_guess_that_leads_nowhere_is_told():
     with pytest.raises(SolveError, match="first guess") as caught:
-        solve_boundary(
-            elastica("sleeve"), lambda s: (np.full((5, len(s)), np.nan), np.zeros(3)), [[0.7]]
-        )
+        solve_boundary(elastica("sleeve"), nowhere, [[0.7]])
     assert caught.value.code == "no_start"
 
 

@@ -13,26 +13,18 @@ import numpy as np
 import pytest
 import sympy as sp
 from effort import examples
+from hints import Capture
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from outcomes import run_text, value
+from outcomes import refusals, run_text, value
 from places import DOCS
 from scipy.integrate import quad
 
 import wormopt as wo
-from wormopt.cli import main
-from wormopt.errors import ArgumentError, SceneError
+from wormopt.errors import ArgumentError
 from wormopt.magnetics.pressure import OERSTED, field_of, gaussian_pressure, magnetic_pressure
 from wormopt.study import load_scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
-from wormopt.systems.film.lubrication import (
-    field_slope,
-    flow,
-    pressure_gradient,
-    stream_function,
-    surface_velocity,
-    velocities,
-)
 from wormopt.systems.film.shapes import (
     FourierWave,
     field_function,
@@ -58,15 +50,6 @@ def test_values_of_the_theory(delta: float, constant: float, mean: float, larges
     assert wave.constant == pytest.approx(constant, abs=5.1e-7)
     assert wave.mean_flow == pytest.approx(mean, abs=5.1e-7)
     assert wave.peak().value == pytest.approx(largest, abs=5.1e-7)
-
-
-@pytest.mark.parametrize("delta", AMPLITUDES)
-def test_the_constant_is_that_of_adaptive_quadrature(delta: float):
-    second, third = (
-        quad(lambda s, n=n: (1 + delta * math.cos(s)) ** n, 0, math.pi, epsrel=1e-13)[0]
-        for n in (-2, -3)
-    )
-    assert CosineWave(delta).constant == pytest.approx(-second / third, rel=1e-12)
 
 
 def with_digits(delta: float, tension: float) -> tuple[Any, Any]:
@@ -121,34 +104,6 @@ def test_the_pressure_is_the_integral_of_30(delta: float):
 
 
 # -- flow ------------------------------------------------------------------------------------------
-
-
-def test_the_flow_obeys_continuity_and_its_boundaries():
-    """(20) left, (21), (22) and no shear on the surface, by algorithmic differentiation."""
-    t, x, z, delta = (ca.SX.sym(name) for name in ("t", "x", "z", "delta"))
-    wave = CosineWave(delta)
-    h = wave.height(t - x)
-    u, w = velocities(z, h, wave.height(t - x, 1), wave.constant)
-    top_u, top_w = (ca.substitute(each, z, h) for each in (u, w))
-    C = wave.constant
-    laws = [
-        ca.jacobian(u, x) + ca.jacobian(w, z),
-        ca.substitute(ca.vertcat(u, w), z, 0),
-        ca.jacobian(h, t) + top_u * ca.jacobian(h, x) - top_w,
-        ca.substitute(ca.jacobian(u, z), z, h),
-        ca.jacobian(ca.jacobian(u, z), z) - pressure_gradient(h, C),
-        top_u - surface_velocity(h, C),
-        ca.jacobian(stream_function(z, h, C), z) - (u - 1),
-        ca.jacobian(stream_function(z, h, C), x) + w,
-        ca.substitute(stream_function(z, h, C), z, h) - C,
-        -pressure_gradient(h, C) * h**3 / 3 - flow(h, C),
-        ca.jacobian(wave.pressure(t - x), x) - pressure_gradient(h, C),
-    ]
-    laws = ca.Function("laws", [t, x, z, delta], [ca.vertcat(*laws)])
-    rng = np.random.default_rng(3)
-    for _ in range(50):
-        place = rng.uniform([0, 0, 0.01, 0.05], [7, 7, 0.5, 0.8])
-        assert float(ca.norm_inf(laws(*place))) < 1e-10
 
 
 @pytest.mark.parametrize("order", range(5))
@@ -226,19 +181,6 @@ def test_navier_stokes_is_met_up_to_the_powers_of_eps_that_lubrication_leaves_ou
         rates = np.log2(np.array(before) / np.array(after))
         assert rates == pytest.approx(np.array(orders), abs=0.1)
     assert max(sizes[-1]) < 2.0 if Re else max(sizes[-1]) < 0.01
-
-
-def test_without_tension_the_bend_of_a_surface_needs_no_field():
-    """(29) with W = 0: what is left is -3 (h + C) / h^3."""
-    assert field_slope(2.0, 7.0, -0.5) == -3 * 1.5 / 8
-    assert field_slope(2.0, 7.0, -0.5, tension=0.1) == pytest.approx(-3 * 1.5 / 8 - 0.7, abs=1e-15)
-
-
-def test_field_slopes_of_another_constant_have_a_mean():
-    wave, xi = CosineWave(0.5), grid(256)
-    h, third = wave.height(xi), wave.height(xi, 3)
-    assert abs(np.mean(field_slope(h, third, wave.constant))) < 1e-14
-    assert abs(np.mean(field_slope(h, third, wave.constant + 1e-6))) > 1e-6
 
 
 # -- any shape -------------------------------------------------------------------------------------
@@ -327,12 +269,6 @@ def test_steep_waves_come_near_to_the_square_wave():
     assert gaps[2] < 0.02
 
 
-def test_square_wave_by_hand():
-    delta = sp.symbols("delta", positive=True)
-    mean = [((1 + delta) ** n + (1 - delta) ** n) / 2 for n in (-2, -3)]
-    assert sp.simplify(1 - mean[0] / mean[1] - square_wave_flow(delta)) == 0
-
-
 def test_no_wave_carries_more_is_proven():
     """f = h^-2 - q h^-3 is concave, then convex, and not below its chord at the right end."""
     delta, h = sp.symbols("delta h", positive=True)
@@ -412,16 +348,6 @@ OIL = {
 }  # fmt: skip
 
 
-def test_scales_of_25_by_hand():
-    oil = Fluid(**OIL)
-    k = 2 * math.pi / 1e-2
-    assert oil.eps == pytest.approx(1e-4 * k)
-    assert oil.pressure == pytest.approx(0.05 * 10 / (1e-4 * k) ** 2)
-    assert oil.speed == pytest.approx(10 / k)
-    assert oil.reynolds == pytest.approx(1100 * (10 / k) * 1e-4 / 0.05)
-    assert oil.tension == pytest.approx(0.028 * 1e-4 * k**2 / oil.pressure)
-
-
 def test_gaussian_and_si_units_tell_the_same_field():
     """(31) as the chapter has it: Gaussian, H*² = H² P, D with 8 pi / (mu - 1)."""
     oil, peak = Fluid(**OIL), CosineWave(0.5).peak()
@@ -465,7 +391,7 @@ def test_a_negative_pressure_has_no_field():
 
 
 @pytest.mark.slow
-def test_the_page_runs(capsys: pytest.CaptureFixture[str]):
+def test_the_page_runs(capsys: Capture):
     page = (DOCS / "theory-film.md").read_text(encoding="utf-8")
     for number, program in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):
         exec(compile(program, f"theory-film.md, {number}", "exec"), {"__name__": "page"})
@@ -536,47 +462,25 @@ def test_a_thick_film_is_warned_of():
     assert any("eps = depth times wave number is 0.314" in text for text in warnings)
 
 
-@pytest.mark.parametrize(
-    ("change", "key", "message"),
-    [
-        ("film.delta=1.0", "film.delta", "below 1"),
-        ("film.delta=0.0", "film.delta", "above 0"),
-        ("film.delta=-0.2", "film.delta", "above 0"),
-        ("film={}", "film.delta", "missing"),
-        ("film.cosines=[0.1]", "film.delta", "so cosines cannot be added"),
-        ("film={cosines=[1.3]}", "film.cosines", "falls to -0.3"),
-        ("film={cosines=[0.0]}", "film.cosines", "there is no wave"),
-        ("film={sines=[1.3]}", "film.sines", "falls to -0.3"),
-        ("film.tension=-1.0", "film.tension", "0 or above"),
-        ("film.delta=0.9999", "film.delta: 0.9999", "falls to 0.0001"),
-        ('units="SI"', "film.fluid", "missing"),
-        ("film.fluid={}", "film.fluid.mu_r", "missing"),
-        ("curves.delta=[1.5]", "curves.delta", "below 1"),
-        ("curves.range=[0.9, 0.1]", "curves.range", "empty"),
-        ("samples=1", "samples", "2 to 100000"),
-        ('want=["float"]', "want", "film"),
-    ],
+test_bad_films_are_refused = refusals(
+    "fig15_film_flow",
+    """
+    film={} | film.delta | missing
+    film.cosines=[0.1] | film.delta | so cosines cannot be added
+    film={cosines=[1.3]} | film.cosines | falls to -0.3
+    film={cosines=[0.0]} | film.cosines | there is no wave
+    film={sines=[1.3]} | film.sines | falls to -0.3
+    film.delta=0.9999 | film.delta | falls to 0.0001
+    units="SI" | film.fluid | missing
+    curves.delta=[1.5] | curves.delta | below 1
+    curves.range=[0.9, 0.1] | curves.range | empty
+    want=["float"] | want | film
+    """,
 )
-def test_bad_films_are_refused(tmp_path: Path, change: str, key: str, message: str):
-    with pytest.raises(SceneError) as caught:
-        run_text(tmp_path, FILM, change)
-    assert key in str(caught.value)
-    assert message in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [
-        ("film.fluid.mu_r=1.0", "film.fluid.mu_r"),
-        ("film.fluid.mu_r=0.5", "film.fluid.mu_r"),
-        ("film.fluid.viscosity=-0.05", "film.fluid.viscosity"),
-        ("film.fluid.depth=0.0", "film.fluid.depth"),
-        ("film.tension=0.1", "film.tension"),
-        ('units="dimensionless"', "film.fluid"),
-    ],
+test_bad_fluids_are_refused = refusals(
+    "film_field",
+    """
+    film.tension=0.1 | film.tension | write surface_tension in
+    units="dimensionless" | film.fluid | is in SI units
+    """,
 )
-def test_bad_fluids_are_refused(
-    tmp_path: Path, change: str, key: str, capsys: pytest.CaptureFixture[str]
-):
-    assert main(["run", "film_field", "--set", change, "-o", str(tmp_path / "out")]) == 2
-    assert key in capsys.readouterr().err

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from outcomes import refusals, refused
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
@@ -115,9 +116,6 @@ def test_balances_close_and_another_integrator_agrees(
     assert [x, v] == pytest.approx(known, abs=1e-6)
 
 
-# -- on the ground ---------------------------------------------------------------------------------
-
-
 @given(st.floats(0.02, 0.95))
 def test_a_thin_plate_without_friction_goes_with_the_mean_flow(delta: float) -> None:
     """x' = Q / h = 1 + C / h, so that the wave overtakes it in int -h / C = 2 pi / -C."""
@@ -143,11 +141,10 @@ def test_the_least_friction_that_holds_it(delta: float) -> None:
 
 
 def test_between_the_two_it_creeps_against_the_wave() -> None:
-    ahead = simulate(
-        carried_body(LyingBody(CosineWave(0.5)), mass=0.2, forward=0.5, backward=0.5), 50
-    )
-    back = simulate(
-        carried_body(LyingBody(CosineWave(0.5)), mass=0.2, forward=1.2, backward=1.2), 50
+    body = LyingBody(CosineWave(0.5))
+    ahead, back = (
+        simulate(carried_body(body, mass=0.2, forward=force, backward=force), 50)
+        for force in (0.5, 1.2)
     )
     assert ahead["position"][0, -1] > 1
     assert back["position"][0, -1] < -0.1
@@ -230,19 +227,13 @@ def test_little_mass_leaves_the_drift_by_quadrature() -> None:
     assert errors[2] < 2e-6
 
 
-# -- scenes ----------------------------------------------------------------------------------------
-
-FLUID = """
-[film.fluid]
-mu_r = 1.05
-viscosity = 0.02
-density = 1200.0
-surface_tension = 0.03
-depth = 1e-4
-wavelength = 0.02
-frequency = 5.0
-"""
-SI = 'schema = 1\nkind = "film-body"\nunits = "SI"\n[film]\ndelta = 0.5\n' + FLUID
+FILM: dict[str, Any] = {"schema": 1, "kind": "film-body", "film": {"delta": 0.5}}
+FLUID = {
+    "mu_r": 1.05, "viscosity": 0.02, "density": 1200.0, "surface_tension": 0.03, "depth": 1e-4,
+    "wavelength": 0.02, "frequency": 5.0,
+}  # fmt: skip
+SI = FILM | {"units": "SI", "film": {"delta": 0.5, "fluid": FLUID}}
+SINKER = {"on": "ground", "height": 0.3, "density": 2700.0, "friction_coefficient": 0.4}
 
 
 def test_the_packaged_body_creeps_backward() -> None:
@@ -253,61 +244,42 @@ def test_the_packaged_body_creeps_backward() -> None:
     assert 1.1 < result.scalars["friction_forward"].value < 1.125
 
 
-def test_si_bodies_have_the_numbers_of_their_scales(tmp_path: Path) -> None:
-    path = tmp_path / "sinker.toml"
-    path.write_text(
-        SI + '[body]\non = "ground"\nheight = 0.3\ndensity = 2700.0\nfriction_coefficient = 0.4\n'
-        "[time]\nperiods = 1.0\n"
-    )
-    result = wo.run(path)
+def test_si_bodies_have_the_numbers_of_their_scales() -> None:
+    result = wo.run(SI | {"body": SINKER, "time": {"periods": 1.0}})
     assert result.status == "ok"
     assert result.scalars["mass"].value == pytest.approx(2700 * 3e-5 * 5 * 1e-4 / 0.02)
     assert result.scalars["friction"].value == pytest.approx(0.4 * 1500 * 3e-5 * 9.80665)
     assert result.scalars["friction"].unit == "Pa"
 
 
-@pytest.mark.parametrize(
-    ("body", "key", "says"),
-    [
-        ('on = "ground"\nmass = 1.0', "body.friction_forward", "missing"),
-        ('on = "surface"', "body.mass", "missing"),
-        ('on = "surface"\nmass = 1.0\nfriction_forward = 1.0', "body.friction_forward", "leave it"),
-        ('on = "surface"\nmass = 1.0\ndensity = 900.0', "body.density", 'units = "SI"'),
-        ('on = "ground"\nmass = 1.0\nfriction_forward = 1.0\nheight = 0.6', "body.height", "0.5"),
-        ('on = "ground"\nmass = 1.0\nfriction_forward = 1.0\nweight = 0.6', "body.weight", "leave"),
-        ('on = "surface"\nmass = 0.2\nweight = 1e9', "body.weight", "write 5.6e+05 at most"),
-        ('on = "surface"\nmass = 0.2\nposition = 1e15', "body.position", "write 0"),
-        ('on = "surface"\nmass = 0.2\nposition = -2000001.25', "body.position", "write -0.25"),
-    ],
+test_bad_bodies_are_refused = refusals(
+    'schema = 1\nkind = "film-body"\nfilm = {delta = 0.5}\n',
+    """
+    body={on="ground", mass=1.0} | body.friction_forward | missing
+    body={on="surface"} | body.mass | missing
+    body={on="surface", mass=1.0, friction_forward=1.0} | body.friction_forward | leave it
+    body={on="surface", mass=1.0, density=900.0} | body.density | units = "SI"
+    body={on="ground", mass=1.0, friction_forward=1.0, height=0.6} | body.height | 0.5
+    body={on="ground", mass=1.0, friction_forward=1.0, weight=0.6} | body.weight | leave
+    body={on="surface", mass=0.2, weight=1e9} | body.weight | write 5.6e+05 at most
+    body={on="surface", mass=0.2, position=1e15} | body.position | write 0
+    body={on="surface", mass=0.2, position=-2000001.25} | body.position | write -0.25
+    """,
 )
-def test_bad_bodies_are_refused(tmp_path: Path, body: str, key: str, says: str) -> None:
-    path = tmp_path / "bad.toml"
-    path.write_text(f'schema = 1\nkind = "film-body"\n[film]\ndelta = 0.5\n[body]\n{body}\n')
-    with pytest.raises(SceneError) as caught:
-        wo.run(path)
-    assert key in str(caught.value)
-    assert says in str(caught.value)
 
 
 @pytest.mark.slow
-def test_of_a_heavy_float_what_is_written_instead_is_followed(tmp_path: Path) -> None:
-    path = tmp_path / "heavy.toml"
-    text = 'schema = 1\nkind = "film-body"\n[film]\ndelta = 0.5\n[body]\non = "surface"\n'
-    path.write_text(text + "mass = 0.2\nweight = 1e9\n")
+def test_of_a_heavy_float_what_is_written_instead_is_followed() -> None:
+    heavy = FILM | {"body": {"on": "surface", "mass": 0.2, "weight": 1e9}}
     with pytest.raises(SceneError, match=r"swing some 2e\+06 times .*periods = 0.95 at most"):
-        wo.run(path)
-    result = wo.run(load_scene(path, ["body.weight=5.6e5", "tolerance.recheck=false"]))
+        wo.run(heavy)
+    result = wo.run(heavy, ["body.weight=5.6e5", "tolerance.recheck=false"])
     assert result.status == "unchecked"
     assert result.scalars["held"].value  # by the trough
 
 
-def test_a_body_that_would_rise_does_not_lie_on_the_ground(tmp_path: Path) -> None:
-    path = tmp_path / "cork.toml"
-    path.write_text(
-        SI + '[body]\non = "ground"\nheight = 0.3\ndensity = 200.0\nfriction_coefficient = 0.4\n'
-    )
-    with pytest.raises(SceneError, match="a body of this density rises"):
-        wo.run(path)
+def test_a_body_that_would_rise_does_not_lie_on_the_ground() -> None:
+    refused(SI | {"body": SINKER}, "body.density=200.0", "body", "a body of this density rises")
 
 
 def test_hostile_numbers_are_refused() -> None:

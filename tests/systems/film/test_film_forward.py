@@ -1,16 +1,14 @@
 """Scenes of kind film-forward: where films go, maps, branches, fields of one's own, refusals."""
 
-import json
 import math
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from outcomes import value
+from outcomes import refusals, run_text, value
 
 import wormopt as wo
-from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.quantities import Variable
 from wormopt.result import Result
@@ -31,25 +29,19 @@ most = 64
 [tolerance]
 recheck = false
 """
-FILM = "[film]\ndelta = 0.5\ntension = 0.1\n"
-
-
-def write(folder: Path, text: str) -> Path:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return path
+FLUID = (
+    "fluid={mu_r=1.05, viscosity=0.05, density=1100.0, surface_tension=0.028, depth=1e-4, "
+    "wavelength=1e-2, frequency=10.0}"
+)
 
 
 def run(folder: Path, *changes: str, text: str = SCENE) -> Result:
-    return wo.run(load_scene(write(folder, text), list(changes)))
+    return run_text(folder, text, *changes)
 
 
 @cache
 def packaged() -> Result:
     return wo.run(load_scene("film_forward", ["time.periods=20"]))
-
-
-# -- where films go --------------------------------------------------------------------------------
 
 
 def test_the_packaged_film_takes_the_wave():
@@ -126,21 +118,16 @@ def test_a_film_that_breaks_is_located(tmp_path: Path):
     assert (result["thickness"].values[:-1].min(axis=1) >= 0.5).all()
 
 
-def test_a_film_the_points_cannot_hold_fails_with_the_place(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    scene = str(write(tmp_path, SCENE))
-    sets = ["film.delta=0.9", "film.tension=0.01", "grid.points=32", "grid.most=32"]
-    sets += ["time.rupture=1e-6", "time.periods=2", "tolerance.recheck=false"]
-    out = ["-o", str(tmp_path / "out"), "--json", "--no-plots"]
-    assert main(["run", scene, *out, *(p for s in sets for p in ("--set", s))]) == 3
-    printed = json.loads(capsys.readouterr().out)
-    assert printed["status"] == "failed"
-    assert "32 points do not resolve the film" in printed["reason"]
-    assert "grid.most" in printed["reason"]
-    lost = {k: c for k, c in printed["trust"]["checks"].items() if not c["passed"]}
-    assert [c["advice"] for c in lost.values()] == [printed["reason"]]
-    assert [*lost] == ["points hold the film"]
+def test_a_film_the_points_cannot_hold_fails_with_the_place(tmp_path: Path):
+    result = run(
+        tmp_path, "film.delta=0.9", "film.tension=0.01", "grid.points=32", "grid.most=32",
+        "time.rupture=1e-6", "time.periods=2",
+    )  # fmt: skip
+    assert result.status == "failed"
+    assert "32 points do not resolve the film" in result.reason
+    assert "grid.most" in result.reason
+    (lost,) = (check for check in result.checks if not check.passed)
+    assert (lost.name, lost.advice) == ("points hold the film", result.reason)
 
 
 def test_too_few_steps_are_told(tmp_path: Path):
@@ -174,9 +161,6 @@ def test_a_small_map(tmp_path: Path):
     assert result["map_growth"].values[1] == pytest.approx([-0.6310779, -0.3619586], abs=1e-5)
     assert value(result, "map_wave") == 3
     assert value(result, "map_wave_stable_not_reached") == 1
-
-
-# -- fields of one's own ---------------------------------------------------------------------------
 
 
 def samples(points: int = 48) -> np.ndarray:
@@ -214,22 +198,13 @@ def test_a_field_of_samples_makes_the_same_film(tmp_path: Path, form: str):
 
 
 def test_si_fields_are_those_of_the_fluid(tmp_path: Path):
-    fluid = """[film.fluid]
-mu_r = 1.05
-viscosity = 0.05
-density = 1100.0
-surface_tension = 0.028
-depth = 1e-4
-wavelength = 1e-2
-frequency = 10.0
-"""
-    oil = wo.run(load_scene("film_field"))
-    field = oil["field_squared"].values
+    oil = wo.run("film_field")
     assert oil["field"].unit == "A m-1"
-    H = oil["field"].values[:-1] if len(field) % 2 else oil["field"].values
-    listed = f'[field]\nquantity = "field"\nsamples = {H.tolist()}\n'
-    text = SCENE.replace(FILM, 'units = "SI"\n[film]\ndelta = 0.5\n' + fluid) + listed
-    result = run(tmp_path, 'start={shape="wave"}', "time.periods=20", text=text)
+    H = oil["field"].values
+    H = H[:-1] if len(H) % 2 else H
+    field = f'field={{quantity="field", samples={H.tolist()}}}'
+    changes = ('units="SI"', f"film={{delta=0.5, {FLUID}}}", field, 'start={shape="wave"}')
+    result = run(tmp_path, *changes)
     assert value(result, "tension_number") == pytest.approx(
         oil.scalars["tension_number"].value, rel=1e-12
     )
@@ -266,75 +241,50 @@ def test_a_start_of_samples(tmp_path: Path):
     assert value(result, "distance_to_wave") < 1e-9
 
 
-# -- refusals --------------------------------------------------------------------------------------
+test_bad_films_are_refused = refusals(
+    SCENE,
+    """
+    film.tension=0.0 | film.tension | first order
+    film={delta=0.5} | film.tension | missing
+    film={tension=0.1} | film.delta | missing
+    grid.most=40 | grid.most | at least 64
+    grid.order=5 | grid.order | 4, 6, 8
+    field={samples=[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]} | field.samples | is not periodic
+    field={samples=[0.0, 1.0, 2.0]} | field.samples | 4 to 100000
+    field={} | field.samples | missing
+    field={file="none.csv"} | field.file | cannot be read
+    field={file="scene.toml"} | field.variable | missing
+    field={samples=[0, 1, 1, 0], quantity="field", mu_r=1.0} | field.mu_r | above 1
+    field={samples=[0, 1, 1, 0], quantity="field"} | field.mu_r | missing
+    field={samples=[0, 1, 1, 0], mu_r=1.1} | field.mu_r | leave it out
+    field={samples=[-1,1,1,0], quantity="field_squared", mu_r=1.1} | field.samples | -1 at its least
+    start={shape="samples"} | start.samples | missing
+    start={samples=[1, 1, 1, 1]} | start.samples | applies to shape
+    start={shape="samples", samples=[2, 2, 2, 2]} | start.samples | mean thickness
+    start.nudge=1.5 | start.nudge | above 0 everywhere
+    map={delta=[0.5, 0.3], tension=[0.1]} | map.delta | ascend
+    map={delta=[0.5], tension=[0.0]} | map.tension | above 0
+    want=["basins"] | map | missing
+    branch.delta=[0.6, 0.9] | branch.delta | does not contain
+    branch.delta=[0.9, 0.1] | branch.delta | smaller number first
+    units="SI" | film.fluid | missing
+    """,
+)
 
 
 @pytest.mark.parametrize(
-    ("change", "key", "message"),
+    ("name", "text", "said"),
     [
-        ("film.delta=1.0", "film.delta", "below 1"),
-        ("film.delta=1.5", "film.delta", "below 1"),
-        ("film.tension=0.0", "film.tension", "first order"),
-        ("film.tension=-0.1", "film.tension", "0 or above"),
-        ("film={delta=0.5}", "film.tension", "missing"),
-        ("film={tension=0.1}", "film.delta", "missing"),
-        ("grid.points=20", "grid.points", "32 to 512"),
-        ("grid.most=40", "grid.most", "at least 64"),
-        ("grid.order=5", "grid.order", "4, 6, 8"),
-        ("field={samples=[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]}", "field.samples", "is not periodic"),
-        ("field={samples=[0.0, 1.0, 2.0]}", "field.samples", "4 to 100000"),
-        ("field={}", "field.samples", "missing"),
-        ('field={file="none.csv"}', "field.file", "cannot be read"),
-        ('field={file="scene.toml"}', "field.variable", "missing"),
-        ('field={file="scene.toml", variable="field"}', "field.file", "no result"),
-        (
-            'field={samples=[0, 1, 1, 0], quantity="field", mu_r=1.0}',
-            "field.mu_r",
-            "above 1",
-        ),
-        (
-            'field={samples=[0, 1, 1, 0], quantity="field", mu_r=0.5}',
-            "field.mu_r",
-            "above 1",
-        ),
-        ('field={samples=[0, 1, 1, 0], quantity="field"}', "field.mu_r", "missing"),
-        ("field={samples=[0, 1, 1, 0], mu_r=1.1}", "field.mu_r", "leave it out"),
-        (
-            'field={samples=[-1, 1, 1, 0], quantity="field_squared", mu_r=1.1}',
-            "field.samples",
-            "-1 at its least",
-        ),
-        ('start={shape="samples"}', "start.samples", "missing"),
-        ("start={samples=[1, 1, 1, 1]}", "start.samples", "applies to shape"),
-        ('start={shape="samples", samples=[2, 2, 2, 2]}', "start.samples", "mean thickness"),
-        ("start.nudge=1.5", "start.nudge", "above 0 everywhere"),
-        ("map={delta=[0.5, 0.3], tension=[0.1]}", "map.delta", "ascend"),
-        ("map={delta=[0.5], tension=[0.0]}", "map.tension", "above 0"),
-        ('want=["basins"]', "map", "missing"),
-        ("branch.delta=[0.6, 0.9]", "branch.delta", "does not contain"),
-        ("branch.delta=[0.9, 0.1]", "branch.delta", "smaller number first"),
-        ('units="SI"', "film.fluid", "missing"),
+        ("far.csv", "0,1\n1,2\n2,1\n3,0\n", "phases in far"),
+        ("words.csv", "a\nb\nc\n", "contains text"),
+        ("text.toml", "schema = 1\n", "no result"),
     ],
 )
-def test_bad_films_are_refused(tmp_path: Path, change: str, key: str, message: str):
-    with pytest.raises(SceneError) as caught:
-        run(tmp_path, change)
-    assert key in str(caught.value)
-    assert message in str(caught.value)
-
-
-def test_a_table_with_other_phases_is_refused(tmp_path: Path):
-    np.savetxt(tmp_path / "far.csv", [[0, 1.0], [1, 2.0], [2, 1.0], [3, 0.0]], delimiter=",")
-    with pytest.raises(SceneError, match="phases in far"):
-        run(tmp_path, 'field={file="far.csv"}')
-    (tmp_path / "words.csv").write_text("a\nb\nc\n")
-    with pytest.raises(SceneError, match="contains text"):
-        run(tmp_path, 'field={file="words.csv"}')
-
-
-@pytest.mark.parametrize("name", ["film_forward", "film_basins"])
-def test_packaged_scenes_are_read(name: str):
-    assert load_scene(name).table.kind == "film-forward"
+def test_a_file_that_holds_no_field_is_refused(tmp_path: Path, name: str, text: str, said: str):
+    (tmp_path / name).write_text(text)
+    variable = ', variable="field"' if "toml" in name else ""
+    with pytest.raises(SceneError, match=said):
+        run(tmp_path, f'field={{file="{name}"{variable}}}')
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +9,12 @@ import mpmath as mp
 import numpy as np
 import pytest
 import sympy as sp
-from outcomes import run_text, value
+from outcomes import refusals, refused, run_text, value
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import wormopt as wo
-from wormopt.cli import main
-from wormopt.errors import ArgumentError, SceneError
+from wormopt.errors import ArgumentError
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.study import load_scene
@@ -61,27 +59,6 @@ def test_capture_begins_where_the_crest_is_as_fast_as_the_wave():
     assert roots == [sp.sqrt(13) - 3]
     assert pytest.approx(float(roots[0]), abs=1e-15) == CAPTURE_DELTA
     assert pytest.approx(0.605551275463989, abs=1e-12) == CAPTURE_DELTA
-
-
-def test_the_drift_is_proven():
-    """1 / (1 - u_s) = -2 - 6 C / (b - delta cos xi), b = -1 - 3 C; the integral of 1 / (b - delta
-    cos xi) over a period is 2 pi / sqrt(b² - delta²)."""
-    delta, h = sp.symbols("delta h", positive=True)
-    C = -2 * (1 - delta**2) / (2 + delta**2)
-    b = -1 - 3 * C
-    slowness = 1 / (1 - sp.Rational(3, 2) * (1 + C / h))
-    assert sp.simplify(slowness + 2 + 6 * C / (b - (h - 1))) == 0
-    y, S = sp.symbols("y S", positive=True)
-    square = (4 - delta**2) ** 2 - 36 * delta**2
-    root = (b**2 - delta**2) * (2 + delta**2) ** 2
-    assert sp.expand(sp.simplify(root) - (1 - delta**2) * square) == 0
-    turn = 4 * sp.pi * (6 * y / S - 1)
-    closed = 3 * delta**2 * (28 - delta**2) / (2 * (4 * y + S) * (6 * y - S))
-    gap = sp.numer(sp.together(1 - 2 * sp.pi / turn - closed))
-    gap = sp.expand(sp.expand(gap).subs(S**2, square).subs(y**2, 1 - delta**2))
-    assert sp.simplify(gap) == 0
-    # and 6 y / S is -3 C / sqrt(b² - delta²)
-    assert sp.simplify((3 * C) ** 2 * square - 36 * (1 - delta**2) * (b**2 - delta**2)) == 0
 
 
 @pytest.mark.parametrize("delta", [0.01, 0.1, 0.3, 0.5, 0.6, 0.6055])
@@ -154,17 +131,6 @@ def test_a_captured_float_rests_on_the_front_face(length: float):
 # -- long floats -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("length", LENGTHS[1:])
-def test_a_long_float_goes_with_the_mean_of_the_surface(length: float):
-    wave = CosineWave(0.6)
-    for middle in (0.0, 1.0, 3.0, 5.5):
-        expected = quad(
-            lambda s: body_velocity(wave, s), middle - length / 2, middle + length / 2,
-            epsabs=1e-13,
-        )[0] / length  # fmt: skip
-        assert body_velocity(wave, middle, length) == pytest.approx(expected, abs=1e-12)
-
-
 @pytest.mark.parametrize("length", [0.01, *LENGTHS[1:], 6.28])
 def test_capture_of_long_floats_by_independent_quadrature(length: float):
     def lag(delta: Any) -> Any:
@@ -231,31 +197,18 @@ def test_the_amplitude_of_a_model_is_a_parameter():
 # -- tracers ---------------------------------------------------------------------------------------
 
 
-@cache
-def below(delta: float) -> Trajectory:
-    height = (1 + delta) * np.array([0.1, 0.3, 0.6, 0.9, 1.0])
-    model = tracers(CosineWave(delta), height=height)
-    return simulate(model, 100.0, times=np.linspace(0, 100, 1001))
-
-
 @pytest.mark.parametrize("delta", [0.2, 0.5, 0.59])
-def test_what_starts_on_the_surface_stays_on_it(delta: float):
-    motion = below(delta)
+def test_tracers_stay_in_the_film_on_lines_of_the_stream_function(delta: float):
+    """What starts on the surface stays on it, and moves as a small float."""
+    wave = CosineWave(delta)
+    times, height = np.linspace(0, 100, 1001), (1 + delta) * np.array([0.1, 0.3, 0.6, 0.9, 1.0])
+    motion = simulate(tracers(wave, height=height), 100.0, times=times)
     assert np.max(np.abs(motion["depth"][-1])) < 1e-8
     assert np.min(motion["depth"][:-1]) > 0
     assert np.min(motion["height"]) > 0
-
-
-@pytest.mark.parametrize("delta", [0.2, 0.5, 0.59])
-def test_a_tracer_on_the_surface_is_a_small_float(delta: float):
-    floats = simulate(floating(CosineWave(delta)), 100.0, times=np.linspace(0, 100, 1001))
-    places = below(delta)["position"][-1]
-    assert places == pytest.approx(floats["position"][0], abs=1e-8)
-
-
-@pytest.mark.parametrize("delta", [0.2, 0.5, 0.59])
-def test_tracers_stay_on_lines_of_the_stream_function(delta: float):
-    assert np.max(np.ptp(below(delta)["stream"], axis=1)) < 1e-9
+    assert np.max(np.ptp(motion["stream"], axis=1)) < 1e-9
+    floats = simulate(floating(wave), 100.0, times=times)
+    assert motion["position"][-1] == pytest.approx(floats["position"][0], abs=1e-8)
 
 
 def test_simulated_drifts_of_tracers():
@@ -386,28 +339,19 @@ def test_a_captured_float_is_told(tmp_path: Path):
     assert value(result, "float_turn")[0] is None
 
 
-TWO_CRESTS = "film={cosines=[0.02, 0.72]}"
-
-
-@pytest.mark.parametrize("position", [0.0, 0.2, 0.45, 0.6, 0.8])
-def test_the_crest_that_holds_a_float_is_told(tmp_path: Path, position: float):
-    drift = float_drift(FourierWave([0.02, 0.72]))
-    assert len(drift.rests) == 2
-    result = run_text(tmp_path, FLOAT, TWO_CRESTS, f"floats.position={position}")
-    assert result.status == "ok"
-    end = result["time"].values[-1] - result["float_position"].values[0, -1]
-    assert abs(math.remainder(end - value(result, "phase_trapped"), TWO_PI)) < 1e-6
-    assert abs(value(result, "phase_trapped_error")) < 1e-6
-    trapped = value(result, "phase_trapped")
-    assert min(abs(trapped - rest) for rest in drift.rests) < 1e-12
-
-
-def test_both_crests_of_a_wave_are_reached(tmp_path: Path):
-    found = {
-        value(run_text(tmp_path, FLOAT, TWO_CRESTS, f"floats.position={start}"), "phase_trapped")
-        for start in (0.0, 0.25, 0.5, 0.75)
-    }
-    assert len(found) == 2
+def test_the_crest_that_holds_a_float_is_told(tmp_path: Path):
+    drift, crests = float_drift(FourierWave([0.02, 0.72])), set()
+    for start in (0.0, 0.2, 0.45, 0.6, 0.8):
+        crest = ("film={cosines=[0.02, 0.72]}", f"floats.position={start}")
+        result = run_text(tmp_path, FLOAT, *crest)
+        assert result.status == "ok"
+        end = result["time"].values[-1] - result["float_position"].values[0, -1]
+        trapped = value(result, "phase_trapped")
+        assert abs(math.remainder(end - trapped, TWO_PI)) < 1e-6
+        assert abs(value(result, "phase_trapped_error")) < 1e-6
+        assert min(abs(trapped - rest) for rest in drift.rests) < 1e-12
+        crests.add(trapped)
+    assert len(crests) == len(drift.rests) == 2
 
 
 def test_a_float_held_elsewhere_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -425,10 +369,8 @@ def test_a_float_held_elsewhere_fails(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_floats_in_si_units(tmp_path: Path):
-    fluid = (
-        "film.fluid={mu_r=1.05, viscosity=0.05, density=1100.0, surface_tension=0.028, "
-        "depth=1e-4, wavelength=1e-2, frequency=10.0}"
-    )
+    fluid = "film.fluid={mu_r=1.05, viscosity=0.05, density=1100.0, surface_tension=0.028, "
+    fluid += "depth=1e-4, wavelength=1e-2, frequency=10.0}"
     tracer = "tracers={height=[0.5]}"
     si = run_text(tmp_path, FLOAT, 'units="SI"', fluid, tracer)
     plain = run_text(tmp_path, FLOAT, tracer)
@@ -445,38 +387,24 @@ def test_too_short_a_course_is_told(tmp_path: Path):
     assert any("write time.periods = " in text for text in result.trust["warnings"])
 
 
-@pytest.mark.parametrize(
-    ("change", "key", "message"),
-    [
-        ("film.delta=1.0", "film.delta", "below 1"),
-        ("film.tension=1.0", "film.tension", "has no effect"),
-        ("floats.length=[1.0]", "floats.length", "below 1"),
-        ("floats.length=[-0.1]", "floats.length", "from 0"),
-        ("floats.length=[]", "floats.length", "1 to 8"),
-        ("tracers.height=[1.2]", "tracers.height", "up to 1"),
-        ("tracers={}", "tracers.height", "missing"),
-        ("time.periods=0.0", "time.periods", "above 0"),
-        ("time.periods=1e9", "time.periods", "up to 20000"),
-        ("film={cosines=[1.2]}", "film.cosines", "falls to"),
-        ('units="SI"', "film.fluid", "missing"),
-    ],
+test_bad_rides_are_refused = refusals(
+    FLOAT,
+    """
+    film.tension=1.0 | film.tension | has no effect
+    floats.length=[1.0] | floats.length | below 1
+    floats.length=[-0.1] | floats.length | from 0
+    floats.length=[] | floats.length | 1 to 8
+    tracers.height=[1.2] | tracers.height | up to 1
+    film={cosines=[1.2]} | film.cosines | falls to
+    units="SI" | film.fluid | missing
+
+    """,
 )
-def test_bad_rides_are_refused(tmp_path: Path, change: str, key: str, message: str):
-    with pytest.raises(SceneError) as caught:
-        run_text(tmp_path, FLOAT, change)
-    assert key in str(caught.value)
-    assert message in str(caught.value)
 
 
-def test_a_tracer_on_the_surface_of_a_wave_that_holds_it_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    sets = ["--set", "film.delta=0.7", "--set", "tracers.height=[0.5, 1.0]"]
-    assert main(["run", "fig27_float", "-o", str(tmp_path / "out"), *sets]) == 2
-    assert (
-        "tracers.height[1]: is on the surface of a wave that holds floats"
-        in capsys.readouterr().err
-    )
+def test_a_tracer_on_the_surface_of_a_wave_that_holds_it_is_refused():
+    key, said = "tracers.height[1]", "is on the surface of a wave that holds floats"
+    refused("fig27_float", {"film.delta": 0.7, "tracers.height": [0.5, 1.0]}, key, said)
 
 
 @pytest.mark.parametrize("delta", [0.93, 0.95])

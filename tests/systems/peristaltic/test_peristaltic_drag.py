@@ -8,11 +8,11 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from outcomes import value
+from outcomes import refusals, value
 from scipy.optimize import brentq
 
 import wormopt as wo
-from wormopt.errors import ArgumentError, SceneError
+from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.numerics.collocation import Collocation
@@ -67,9 +67,6 @@ def at_rest(model: Model, exponent: float, expression: ca.SX) -> np.ndarray:
     return np.asarray(value)
 
 
-# -- the model -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("segments", [2, 3, 5, 9])
 def test_drag_that_does_not_hang_on_length_moves_nothing(segments: int):
     model = drag_worm(segments, 0.0)
@@ -101,9 +98,8 @@ def test_the_drags_sum_to_zero_and_rings_keep_their_lengths():
     model = drag_worm(4, -1.3, length=0.7)
     symbols = [model["length"], model["rate"], model["exponent"], model["position"]]
     places = rings(model["position"], model["length"])
-    turned = ca.jtimes(places, model["length"], model["rate"]) + ca.jtimes(
-        places, model["position"], model["speed"]
-    )
+    turned = ca.jtimes(places, model["length"], model["rate"])
+    turned += ca.jtimes(places, model["position"], model["speed"])
     found = ca.Function("found", symbols, [places, turned])
     noise = np.random.default_rng(1)
     lengths, rates = noise.uniform(0.5, 2, 4), noise.normal(size=4)
@@ -131,9 +127,6 @@ def test_a_worm_without_segments_or_size_is_refused():
     for given_ in ({"segments": 1}, {"segments": 3, "drag": 0.0}):
         with pytest.raises(ArgumentError, match="two or more segments"):
             drag_worm(**{"exponent": 1.0, **given_})  # pyright: ignore[reportArgumentType]
-
-
-# -- small gaits -----------------------------------------------------------------------------------
 
 
 def test_gains_in_closed_form_are_the_eigenvalues():
@@ -195,8 +188,6 @@ def test_a_wave_of_fixed_length_is_quadratic_at_any_amplitude():
         exact = np.pi * size**2 / 2 / math.tan(np.pi / segments)
         assert displacement(wave.gait(cost), 1.0) == pytest.approx(exact, rel=1e-12)
         assert wave.way(1.0, cost) == pytest.approx(exact, rel=1e-12)
-    assert displacement(small_gaits(3, 1.0, fixed_total=True)[0].gait(
-        2 * np.pi**2 * 0.09 * 3), 1.0) == pytest.approx(0.0816209714, abs=6e-11)  # fmt: skip
 
 
 @settings(max_examples=examples(20))
@@ -208,13 +199,9 @@ def test_no_gait_of_fixed_length_outdoes_the_wave(seed: int, segments: int):
 
 
 def test_small_gaits_that_go_nowhere_are_refused():
-    for arguments in ((3, 0.0, False), (2, 1.0, True)):
-        segments, exponent, fixed = arguments
+    for segments, exponent, fixed in ((3, 0.0, False), (2, 1.0, True)):
         with pytest.raises(ArgumentError, match="no gait has a net displacement"):
             small_gaits(segments, exponent, fixed_total=fixed)
-
-
-# -- large gaits -----------------------------------------------------------------------------------
 
 
 def solved(*changes: str) -> Result:
@@ -251,9 +238,8 @@ def test_the_best_gait_of_two_segments():
     s = (nodes + 1) / 2
     sums = 2 + np.multiply.outer((a + b).sum(axis=1) / 2, s)
     areas = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    assert abs(areas @ (weights / 2 * s / (2 * sums)).sum(axis=1)) == pytest.approx(
-        0.20975, rel=1e-3
-    )
+    way = abs(areas @ (weights / 2 * s / (2 * sums)).sum(axis=1))
+    assert way == pytest.approx(0.20975, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -296,20 +282,17 @@ def test_at_limits_of_the_lengths_a_gait_has_no_second_way():
     assert spread.max() < 1.4 + 1e-9
 
 
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        ("drag.exponent=0.0", r"drag\.exponent: .*write 1\.0, or -1\.0"),
-        ("limits={}", r"limits: .*write mean_length = 1"),
-        ("limits={length=[1.2, 1.4], mean_length=1.0}", r"limits\.mean_length: .*write 1\.3"),
-        ("limits={keeps_length=true, length=[0.5, 2.0]}", r"limits\.mean_length: missing"),
-        ("effort={}", "effort: none or two .*; write either"),
-        ("effort={strain_rate=1.0, dissipation=1.0}", "effort: none or two .*; write either"),
-        ("search.starts=3", r"search\.starts: .*write 1"),
-        ("limits.length=[-0.5, 1.5]", r"limits\.length"),
-        ("worm.segments=2;limits.keeps_length=true", r"worm\.segments: .*write 3"),
-    ],
+test_what_is_refused = refusals(
+    "peristaltic_drag",
+    """
+    drag.exponent=0.0 | drag.exponent | write 1.0, or -1.0
+    limits={} | limits | write mean_length = 1
+    limits={length=[1.2, 1.4], mean_length=1.0} | limits.mean_length | write 1.3
+    limits={keeps_length=true, length=[0.5, 2.0]} | limits.mean_length | missing
+    effort={} | effort | write either
+    effort={strain_rate=1.0, dissipation=1.0} | effort | write either
+    search.starts=3 | search.starts | write 1
+    limits.length=[-0.5, 1.5] | limits.length
+    worm.segments=2 & limits.keeps_length=true | worm.segments | write 3
+    """,
 )
-def test_what_is_refused(change: str, told: str):
-    with pytest.raises(SceneError, match=told):
-        load_scene("peristaltic_drag", change.split(";"))

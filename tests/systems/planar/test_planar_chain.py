@@ -165,19 +165,15 @@ def test_a_straight_chain_feels_what_the_chain_on_a_line_does(n: int, seed: int)
     assert_allclose(found[:, :, 0].ravel(), rates(line, np.append(x, v)), rtol=1e-14, atol=1e-14)
 
 
-@pytest.mark.parametrize("across", [None, NoSlip()])
-def test_a_straight_worm_stops_and_starts_as_on_a_line(across: Any) -> None:
+ELLIPSE = pytest.param(Elliptic(0.5, 3.0, 1.5), "", marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(
+    ("law", "suffix"),
+    [*((Axes(Coulomb(0.5, 3.0), across), " along") for across in (None, NoSlip())), ELLIPSE],
+)
+def test_a_straight_worm_stops_and_starts_as_on_a_line(law: Any, suffix: str) -> None:
     """Dry friction: the same events, in the same order."""
-    _alike_on_a_line(Axes(Coulomb(0.5, 3.0), across), " along")
-
-
-@pytest.mark.slow
-def test_a_straight_worm_on_an_ellipse_stops_and_starts_as_on_a_line() -> None:
-    """The law of two components, too."""
-    _alike_on_a_line(Elliptic(0.5, 3.0, 1.5), "")
-
-
-def _alike_on_a_line(law: Any, suffix: str) -> None:
     n, numbers = 2, {k: v for k, v in NUMBERS.items() if "bending" not in k}
     rows = np.array([[0.0, 6 * np.sin(2)], [6.0, 6 * np.cos(2)]])
     push = {"input": Harmonics(np.zeros(2), rows[:1], rows[1:])}
@@ -200,24 +196,22 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_motions_turn_and_shift_with_their_start(name: str) -> None:
-    """Nothing in the plane knows where x points."""
-    _symmetric(LAWS[name], lambda r: rotated(r, 0.9), (3.0, -2.0), sign=1.0)
+MOVES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float]] = {
+    "turned and shifted": (lambda r: rotated(r, 0.9) + np.array([3.0, -2.0]), 1.0),
+    "mirrored": (lambda r: r * [1.0, -1.0], -1.0),
+}
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_mirrored_worms_move_on_mirrored_ways(name: str) -> None:
-    """Left and right are alike."""
-    _symmetric(LAWS[name], lambda r: r * [1.0, -1.0], (0.0, 0.0), sign=-1.0)
-
-
-def _symmetric(law: Any, move: Any, shift: tuple[float, float], sign: float) -> None:
+@pytest.mark.parametrize("how", MOVES)
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_motions_move_with_their_start(law: Any, how: str) -> None:
+    """Nothing in the plane knows where x points, and left and right are alike."""
+    move, sign = MOVES[how]
     start = chain_places([1.0, 1.0], [0.4])
     worm = planar_chain(2, **NUMBERS, law=law, rest_angle=0.0)
     rows = np.array([[0.0, 3 * np.sin(2)], [3.0, 3 * np.cos(2)]])
     ends = []
-    for places, s in ((start, 1.0), (move(start) + shift, sign)):
+    for places, s in ((start, 1.0), (move(start), sign)):
         inputs = {
             "input": Harmonics(np.zeros(2), rows[:1], rows[1:]),
             "torque": Harmonics(np.zeros(1), np.array([[1.5 * s]]), np.zeros((1, 1))),
@@ -225,7 +219,7 @@ def _symmetric(law: Any, move: Any, shift: tuple[float, float], sign: float) -> 
         x0 = {"position": places.ravel()}
         end = simulate(swing(worm, np.pi, inputs), 2.0, x0=x0, route="python").end
         ends.append(end[:6].reshape(3, 2))
-    assert_allclose(move(ends[0]) + shift, ends[1], atol=1e-9)
+    assert_allclose(move(ends[0]), ends[1], atol=1e-9)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -376,24 +370,27 @@ def test_rings_slide_on_turning_and_stop_at_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("F", "time", "place"), [(2.0, 2 / 3, (1 / 12, 4 / 15)), (1.5, 1.2, (0.2, 0.375))]
-)
-def test_a_block_under_a_load_stops_where_the_formula_says(
-    F: float, time: float, place: tuple[float, float]
+    ("law", "velocity", "pull", "time", "place"),
+    [
+        (Elliptic(2.0, 2.0, 2.0), (0.0, 1.0), (1.0, 0.0), 2 / 3, (1 / 12, 4 / 15)),
+        (Elliptic(1.5, 1.5, 1.5), (0.0, 1.0), (1.0, 0.0), 1.2, (0.2, 0.375)),
+        (Elliptic(1.0, 1.0, 2.0), (1.0, 1.0), (0.0, 0.0), 1.21151159553,
+         (0.682087730931, 0.327797363691)),
+    ],
+)  # fmt: skip
+def test_blocks_stop_where_formula_and_quadrature_say(
+    law: Elliptic, velocity: Any, pull: Any, time: float, place: Any
 ) -> None:
-    """Benchmark B1, by events and by quadrature."""
-    law = Elliptic(F, F, F)
-    by_quadrature = stop_of(law, 1.0, (0.0, 1.0), (1.0, 0.0))
-    assert_allclose((by_quadrature.time, *by_quadrature.place), (time, *place), rtol=1e-11)
-    _stops(law, (0.0, 1.0), (1.0, 0.0), time, place)
-
-
-def test_a_block_on_anisotropic_ground_stops_where_quadrature_says() -> None:
-    """Benchmark B2, by events and by quadrature."""
-    law, place = Elliptic(1.0, 1.0, 2.0), (0.682087730931, 0.327797363691)
-    found = stop_of(law, 1.0, (1.0, 1.0), (0.0, 0.0))
-    assert_allclose((found.time, *found.place), (1.21151159553, *place), atol=2e-11)
-    _stops(law, (1.0, 1.0), (0.0, 0.0), 1.21151159553, place)
+    """Benchmarks B1, under a load, and B2, on anisotropic ground."""
+    found = stop_of(law, 1.0, velocity, pull)
+    assert_allclose((found.time, *found.place), (time, *place), rtol=1e-11)
+    point = rigid_shape([(0.0, 0.0)])
+    block = driven_shape(point, mass=1.0, inertia=1.0, law=law, pull=pull, velocity=velocity)
+    motion = simulate(block, 1.5 * time)
+    (stop,) = motion.events
+    assert_allclose(stop.time, time, atol=1e-9)
+    assert_allclose(motion["center"][:, -1], place, atol=1e-10)
+    assert np.all(motion["center_velocity"][:, -1] == 0)
 
 
 @pytest.mark.parametrize("aside", [1e3, 1e6, 1e9])
@@ -430,16 +427,6 @@ def test_a_scene_of_a_block_that_can_hardly_slide_aside_ends() -> None:
     # what it does aside is used up after v/F, the rest is a straight slide from speed 1
     assert_allclose(result.scalars["stop_time"].value, 1.0, atol=1e-8)
     assert_allclose(result.scalars["x_stop"].value, 0.5, atol=1e-8)
-
-
-def _stops(law: Elliptic, velocity: Any, pull: Any, time: float, place: Any) -> None:
-    point = rigid_shape([(0.0, 0.0)])
-    block = driven_shape(point, mass=1.0, inertia=1.0, law=law, pull=pull, velocity=velocity)
-    motion = simulate(block, 1.5 * time)
-    (stop,) = motion.events
-    assert_allclose(stop.time, time, atol=1e-9)
-    assert_allclose(motion["center"][:, -1], place, atol=1e-10)
-    assert np.all(motion["center_velocity"][:, -1] == 0)
 
 
 @settings(max_examples=examples(15))
@@ -533,7 +520,6 @@ def test_steps_of_moreau_and_jean_find_the_same_impact() -> None:
     ],
 )
 def test_wrong_numbers_are_refused(changed: dict[str, Any], words: str) -> None:
-    """By their names."""
     with pytest.raises(ArgumentError, match=words):
         planar_chain(2, **{**NUMBERS, **changed})
 

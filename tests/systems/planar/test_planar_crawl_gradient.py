@@ -23,9 +23,7 @@ def turn():
 def test_another_pace_changes_nothing(cycle):
     # s'(tau) sin(2 pi tau), which is a shift of the phase that is 0 at the ends
     paced = P.Harmonics(
-        [-np.pi, 0.0],
-        cosine=[[0.0, 0.0], [np.pi, 0.0]],
-        sine=[[0.0, 0.0], [0.0, np.pi]],
+        [-np.pi, 0.0], cosine=[[0.0, 0.0], [np.pi, 0.0]], sine=[[0.0, 0.0], [0.0, np.pi]]
     )
     slopes = P.crawl_gradient(cycle, [paced]).stroke
     assert slopes == pytest.approx(np.zeros((1, 4)), abs=1e-7)

@@ -81,7 +81,9 @@ def _drawn(seed: int):
     return lengths, (ahead, back, aside), P.Harmonics(rng.uniform(-0.5, 0.5, n - 1), *swings)
 
 
-def _agree(seed: int) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [*range(40), 64, 77])
+def test_random_worms_go_as_far_as_by_smoothed_friction(seed):
     lengths, numbers, stroke = _drawn(seed)
     laws = [Elliptic(*(float(x) for x in row)) for row in zip(*numbers, strict=True)]
     found = P.crawl(P.chain_shape(len(lengths), lengths=tuple(lengths)), laws, stroke)
@@ -89,12 +91,6 @@ def _agree(seed: int) -> None:
     assert [*found.displacement, found.work] == pytest.approx(expected, abs=5e-5, rel=5e-5)
     assert found.error < 1e-8
     assert found.work_error < 1e-8 * found.work
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [*range(40), 64, 77])
-def test_random_worms_go_as_far_as_by_smoothed_friction(seed):
-    _agree(seed)
 
 
 def test_links_that_only_turn_about_one_at_rest_need_few_panels():

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from effort import examples
+from hints import Patch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -86,9 +87,7 @@ def test_work_of_two_equal_links_is_that_of_the_angles_they_turn_at(seed: int, o
 @pytest.mark.parametrize(
     "aside", [2e-4, *(pytest.param(each, marks=pytest.mark.slow) for each in (1e-3, 1e-5))]
 )
-def test_a_kink_between_a_node_and_the_end_of_its_panel_is_seen(
-    aside: float, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_kink_between_a_node_and_the_end_of_its_panel_is_seen(aside: float, monkeypatch: Patch):
     """No root tells of this one, and Gauss' nodes are too far from the end to feel it."""
     monkeypatch.setattr(Course, "breaks", property(lambda course: course.stroke.breaks))
     angle = 2 * np.pi * aside

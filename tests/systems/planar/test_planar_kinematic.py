@@ -23,7 +23,13 @@ from wormopt.systems.planar.poses import compose, inverse, rotate
 from wormopt.systems.planar.shape import Harmonics, Polygon, chain_shape
 
 SEEDS = st.integers(0, 2**32 - 1)
-TAIL, HEAD = Constraints(pins=(2,), skids=(0,)), Constraints(pins=(0,), skids=(2,))
+
+
+def pinned(pin: int, skid: int, **more: tuple[int, ...]) -> Constraints:
+    return Constraints(pins=(pin,), skids=(skid,), **more)
+
+
+TAIL, HEAD = pinned(2, 0), pinned(0, 2)
 WORM = chain_shape(2)
 LAW = Elliptic(1.0, 1.5, 2.0)
 
@@ -65,9 +71,6 @@ def pose_of(places: np.ndarray) -> np.ndarray:
     return np.array([*places[0], np.arctan2(d[1], d[0])])
 
 
-# -- the way in a stroke ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("stroke", "turn"),
     [
@@ -90,10 +93,7 @@ def test_cartesian_integration_ends_in_the_same_pose(seed: int, links: int):
     noise = np.random.default_rng(seed)
     worm, stroke = chain_shape(links), random_stroke(seed, links)
     pin, skid = noise.permutation(links + 1)[:2].tolist()
-    phases = [
-        Phase(0.4, Constraints(pins=(pin,), skids=(skid,))),
-        Phase(1.0, Constraints(pins=(skid,), skids=(pin,))),
-    ]
+    phases = [Phase(0.4, pinned(pin, skid)), Phase(1.0, pinned(skid, pin))]
     try:
         motion = kinematic_motion(worm, stroke, phases)
     except SolveError:
@@ -141,8 +141,7 @@ def test_there_and_back_again_goes_nowhere_and_a_change_of_pins_does():
 
 def test_a_pinned_middle_turns_on_the_spot_by_the_bend():
     bend = Polygon([[0.6, 0.6, 0.0], [0.6, 0.6, 0.8]])
-    swing = Constraints(pins=(1,), skids=(0,)), Constraints(pins=(1,), skids=(2,))
-    motion = kinematic_motion(WORM, bend, [Phase(0.5, swing[0]), Phase(1.0, swing[1])])
+    motion = kinematic_motion(WORM, bend, [Phase(0.5, pinned(1, 0)), Phase(1.0, pinned(1, 2))])
     middle = np.array([-0.6, 0.0])
     assert abs(motion.displacement[2] + 0.8) < 1e-14
     there = motion.displacement[:2] + rotate(motion.displacement[2], middle)
@@ -165,20 +164,15 @@ def test_velocity_of_random_constraints_is_that_of_least_squares(seed: int, link
     scale = np.abs(v).max()
     assert np.abs(v[constraints.rows]).max() < 1e-11 * scale * found.condition[0]
     h = 1e-6
-    ahead, behind = (
-        [
-            compose(sign * h * found.twist[0], [*r, 0.0])[:2]
-            for r in places_of(links, s[0] + sign * h * rates[0])
-        ]
-        for sign in (1, -1)
-    )
-    places = (np.array(ahead) - np.array(behind)) / (2 * h)
+
+    def moved(by: float) -> np.ndarray:
+        there = places_of(links, s[0] + by * rates[0])
+        return np.array([compose(by * found.twist[0], [*r, 0.0])[:2] for r in there])
+
+    places = (moved(h) - moved(-h)) / (2 * h)
     for i in range(links + 1):
         own = rotate(-at.headings[0, i], places[i])
         assert np.abs(own - v[2 * i : 2 * i + 2]).max() < 1e-7 * max(scale, 1.0)
-
-
-# -- singular shapes -------------------------------------------------------------------------------
 
 
 @settings(max_examples=examples(25))
@@ -217,16 +211,13 @@ def test_three_skids_of_a_straight_worm_or_an_arc_are_refused():
 
 
 def test_what_does_not_determine_or_is_not_there_is_refused():
-    with pytest.raises(ArgumentError, match="turn freely about mass 2"):
-        Constraints(pins=(2,))
-    with pytest.raises(ArgumentError, match="2 of three"):
-        Constraints(skids=(0, 1))
-    with pytest.raises(ArgumentError, match="mass 0 is a pin and a skid"):
-        Constraints(pins=(0,), skids=(0, 1))
-    with pytest.raises(ArgumentError, match="no mass 5"):
-        kinematic_motion(WORM, square((0.8, 0), (1, 1)), Constraints(pins=(5,), skids=(0,)))
-    with pytest.raises(ArgumentError, match="ascend"):
-        kinematic_motion(WORM, square((0.8, 0), (1, 1)), [Phase(0.5, TAIL)])
+    for pins, skids, message in (((2,), (), "turn freely about mass 2"), ((), (0, 1), "2 of three"),
+                                 ((0,), (0, 1), "mass 0 is a pin and a skid")):  # fmt: skip
+        with pytest.raises(ArgumentError, match=message):
+            Constraints(pins=pins, skids=skids)
+    for phases, message in ((pinned(5, 0), "no mass 5"), ([Phase(0.5, TAIL)], "ascend")):
+        with pytest.raises(ArgumentError, match=message):
+            kinematic_motion(WORM, square((0.8, 0), (1, 1)), phases)
 
 
 def test_two_pins_need_their_distance():
@@ -252,9 +243,6 @@ def test_two_pins_need_their_distance():
     motion = kinematic_motion(WORM, Rounds(), pins)  # type: ignore[arg-type]
     assert motion.contradiction < 1e-12
     assert np.abs(motion.displacement).max() < 1e-12
-
-
-# -- loads -----------------------------------------------------------------------------------------
 
 
 @settings(max_examples=examples(10))
@@ -295,8 +283,7 @@ def test_more_than_three_rows_leave_loads_open():
 
 
 def test_spikes_slide_ahead_alone_and_hold_against_the_back_alone():
-    hold = Constraints(pins=(2,), skids=(0,), spikes=(0, 2))
-    pull = Constraints(pins=(0,), skids=(2,), spikes=(0, 2))
+    hold, pull = pinned(2, 0, spikes=(0, 2)), pinned(0, 2, spikes=(0, 2))
     there = Polygon([[1.0, 1.0, 0.0], [1.3, 1.2, 0.0]])
     good = kinematic_motion(WORM, there, [Phase(0.5, hold), Phase(1.0, pull)])
     speed, force = spike_margins(good, loads(good, LAW))

@@ -9,6 +9,7 @@ from typing import Any
 import make_recordings
 import numpy as np
 import pytest
+from outcomes import refusals, run_text
 from scipy.stats import norm
 
 import wormopt as wo
@@ -25,11 +26,11 @@ from wormopt.systems.recorded import fit as fit_kind
 from wormopt.systems.recorded.recordings import RecordingFile, Run, read_columns, runs_of
 from wormopt.systems.recorded.tables import Measured
 
+LINK: dict[str, Any] = {"mass": 0.3, "stiffness": 40.0, "damping": 2.0, "rest_length": 0.06}
 WORM = {
     "kind": "simulate",
-    "worm": {"links": 1, "mass": 0.3, "stiffness": 40.0, "damping": 2.0, "rest_length": 0.06,
-             "friction": {"kind": "coulomb", "forward": 0.2, "backward": 0.8}},
-}  # fmt: skip
+    "worm": {"links": 1, **LINK, "friction": {"kind": "coulomb", "forward": 0.2, "backward": 0.8}},
+}
 TABLE = "time [ms],head [mm],tail [mm],u\n0,60,0,0\n100,61,,1\n200,65,1,1\n"
 COLUMNS = {"head": "position[0]", "tail": "position[1]", "u": "input[0]"}
 
@@ -69,17 +70,11 @@ def written(folder: Path, text: str) -> Path:
         ("time,x\n0,1\n1,2\n1,3\n", "line 4: time 1 appears twice"),
         ("time,x\n0,1\n1,2\n0.5,3\n", "line 4: time decreases from 1 to 0.5"),
         ("time,x\n0,1\n1,2,3\n", "line 3: 3 cells for 2 columns"),
-        (
-            "time;x\n0;1,5\n1;2.5\n2;3,5\n",
-            r'line 3, column x: "2\.5" and, in line 2, "1,5" have different decimal signs',
-        ),
+        ("time;x\n0;1,5\n1;2.5\n2;3,5\n", r'line 3, .* "2\.5" and, in line 2, "1,5" have diff'),
         ('time,x\n0,"1,500"\n1,"2,500"\n', r'line 2, column x: "1,500" may be 1500 or 1\.500'),
         ("time;x\n0;1.234,5\n1;2\n", r'"1\.234,5" has separators of thousands; write 1234\.5'),
         ("time;x\n12:03:01;1\n12:03:02;2\n", r'column time: "12:03:01" is a date or a time of'),
-        (
-            "time,x\n0,1_000\n1,2\n",
-            'line 2, column x: "1_000" has separators of thousands; write 1000',
-        ),
+        ("time,x\n0,1_000\n1,2\n", '"1_000" has separators of thousands; write 1000'),
     ],
 )
 def test_what_is_wrong_in_a_file_is_told_by_its_place(tmp_path: Path, text: str, said: str):
@@ -121,7 +116,7 @@ def test_what_a_camera_writes_is_read_as_it_is(tmp_path: Path):
         units={"frame": "20 ms", "back": "-0.5 mm"},
         window=(1401.0, 1403.0),
     )
-    model = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
+    model = chain(1, **LINK)
     assert list(table.faults_in(tmp_path, "SI")) == []
     (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
     assert run.recording.time == pytest.approx([28.04, 28.06], rel=1e-15)
@@ -134,7 +129,7 @@ def test_what_a_camera_writes_is_read_as_it_is(tmp_path: Path):
 def test_words_in_a_column_that_is_a_signal_are_refused(tmp_path: Path):
     text = "time,position[0],position[1]\n0,1,bad\n1,2,good\n"
     table = RecordingFile(file=str(written(tmp_path, text)))
-    model = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
+    model = chain(1, **LINK)
     with pytest.raises(SceneError, match=r"column position\[1\] contains text"):
         runs_of([table], tmp_path, model, "SI", {}, "scene")
 
@@ -145,10 +140,7 @@ def test_words_in_a_column_that_is_a_signal_are_refused(tmp_path: Path):
         ({"units": "dimensionless"}, '"ms" is a unit in a scene without'),
         ({"recording": []}, r"write a table \[\[recording\]\]"),
         ({"unknown": [{"name": "stiffness", "start": 1, "lower": 2}]}, "start: 1 is below lower"),
-        (
-            {"unknown": [{"name": "damping"}] * 2},
-            r'unknown\[1\].name: "damping" appears twice',
-        ),
+        ({"unknown": [{"name": "damping"}] * 2}, r'unknown\[1\].name: "damping" appears twice'),
         ({"model": {"kind": "simulate", "worm": {"links": 0}}}, r"model\.worm\.links"),
         ({"want": ["prediction"]}, 'write use = "predict"'),
         ({"want": ["profiles"]}, "write profiles = true"),
@@ -168,10 +160,7 @@ def test_scenes_that_cannot_be_fitted_are_refused(
         ({"file": "rn.csv"}, 'there is no file "rn.csv" .* did you mean run.csv'),
         ({"columns": {"hed": "position[0]"}}, "no column hed; did you mean head"),
         ({"units": {"head": "furlong"}}, r'units.head: "furlong"'),
-        (
-            {"window": [300.0, 400.0]},
-            "contains 0 times of the file, .* its times are from 0 to 200",
-        ),
+        ({"window": [300.0, 400.0]}, "contains 0 times .*, .* its times are from 0 to 200"),
         ({"window": [1.0, 0.0]}, "the first time is not before the last"),
     ],
 )
@@ -189,9 +178,7 @@ def test_recordings_that_do_not_fit_their_file_are_refused(
 
 def runs(folder: Path, text: str, units: str = "SI", **table: Any) -> list[Run]:
     written(folder, text)
-    worm = chain(
-        1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06, law=wo.Coulomb(0.2, 0.8)
-    )
+    worm = chain(1, **LINK, law=wo.Coulomb(0.2, 0.8))
     tables = [RecordingFile(file="run.csv", **table)]
     return runs_of(tables, folder, worm, units, {"position": 1e-3}, "scene")
 
@@ -224,11 +211,7 @@ def test_held_inputs_stay_until_the_next_reading(tmp_path: Path):
         ("time,x\n0,1\n1,2\n", {"columns": {"x": "postion[0]"}}, "did you mean position"),
         ("time,x\n0,1\n1,2\n", {"columns": {"x": "position"}}, r"write one of position\[0\]"),
         ("time,x\n0,1\n1,2\n", {"columns": {"x": "position[2]"}}, r"write at most position\[1\]"),
-        (
-            "time,position[0] [s]\n0,1\n1,2\n",
-            {},
-            '"s" is not a unit of length; write m, or a multiple',
-        ),
+        ("time,position[0] [s]\n0,1\n1,2\n", {}, "is not a unit of length; write m, or a mul"),
         ("time,position[0],position_0\n0,1,1\n1,2,2\n", {}, r"two columns are named position\[0\]"),
         ("time,position[0]\n0,1\n1,1\n", {}, "nothing moves"),
         ("time,input[0]\n0,1\n1,2\n", {}, "no column is a state or output"),
@@ -252,7 +235,7 @@ def test_our_own_results_are_recordings(tmp_path: Path):
         Variable("spectrum", "m", ("frequency",), np.array([1.0, 2.0])),
     )
     Result("crawl", "simulate", variables=signals).save(tmp_path)
-    worm = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
+    worm = chain(1, **LINK)
     (run,) = runs_of([RecordingFile(file="result.nc")], tmp_path, worm, "SI", {}, "scene")
     assert run.recording.readings["position"] == pytest.approx(position, abs=0)
     assert run.recording.readings["energy"] == pytest.approx(np.array([[1e-3, 2e-3, 3e-3]]))
@@ -262,7 +245,7 @@ def test_our_own_results_are_recordings(tmp_path: Path):
 @pytest.mark.parametrize("text", ["no file of this kind", "CDF\x01 and not more"])
 def test_files_that_are_no_netcdf_are_refused(tmp_path: Path, text: str):
     (tmp_path / "run.nc").write_text(text, encoding="utf-8")
-    worm = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
+    worm = chain(1, **LINK)
     with pytest.raises(SceneError, match="is not a NetCDF-3 file"):
         runs_of([RecordingFile(file="run.nc")], tmp_path, worm, "SI", {}, "scene")
 
@@ -430,26 +413,21 @@ def test_keys_of_a_scene_are_found_from_single_numbers():
     assert result["fitted"].values[2] == pytest.approx(spike_load(**true, period=1.5), abs=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ("measured.0.scalar=velocity", "have no scalar .velocity.; did you mean velocity_mean"),
-        ("unknown.0.key=worm.densty", "worm.densty is not a number of the scene"),
-        ("unknown.0.start=-1.0", "has no logarithm"),
-        ('measured.0.changes={"switching.rte"=1}', r"changes: switching\.rte: unknown key"),
-    ],
+test_numbers_that_no_scene_has_are_refused = refusals(
+    "fit_channel_worm",
+    """
+    measured.0.scalar=velocity | measured | did you mean velocity_mean
+    unknown.0.key=worm.densty | unknown | worm.densty is not a number of the scene
+    unknown.0.start=-1.0 | unknown | has no logarithm
+    measured.0.changes={"switching.rte"=1} | measured | switching.rte: unknown key
+    """,
 )
-def test_numbers_that_no_scene_has_are_refused(change: str, said: str):
-    with pytest.raises(SceneError, match=said):
-        load_scene("fit_channel_worm", change)
 
 
 @pytest.mark.slow
 def test_numbers_at_their_bounds_and_what_they_miss_are_reported(tmp_path: Path):
     """The rise of a body in a channel is the difference of their diameters."""
-    scene = tmp_path / "scene.toml"
-    scene.write_text(
-        """
+    text = """
 schema = 1
 kind = "fit-numbers"
 units = "SI"
@@ -461,10 +439,8 @@ unknown = [{ name = "channel", key = "worm.channel", upper = 0.024 }]
 model.kind = "channel-worm"
 model.units = "SI"
 model.worm = { pitch = 0.01, channel = 0.011, body = 0.004, length = 0.048 }
-""",
-        encoding="utf-8",
-    )
-    result = wo.run(scene)
+"""
+    result = run_text(tmp_path, text)
     assert result.scalars["channel"].value == pytest.approx(0.024, rel=1e-9)
     warnings = result.trust["warnings"]
     assert "channel is at its bound" in warnings

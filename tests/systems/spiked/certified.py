@@ -10,7 +10,7 @@ from scipy.optimize import root_scalar
 from wormopt.progress import silent
 from wormopt.systems.spiked.certify.bound import Bounded, bounded
 from wormopt.systems.spiked.gait_problem import Certify, GaitProblem, Objective, Worm
-from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.limits import Limits, Rates
 
 SPEED = Objective()
 
@@ -62,15 +62,17 @@ def one_link_speed(worm: Worm, limits: Limits) -> float:
     return float(way / period)
 
 
-one_links = st.builds(
-    dict,
-    masses=st.tuples(st.floats(0.2, 3.0), st.floats(0.2, 3.0)),
-    load=st.floats(2.0, 20.0),
-    room=st.floats(0.05, 1.5),
-    contraction=st.floats(0.3, 2.0),
-    extension=st.floats(0.3, 2.0),
-    acceleration=st.floats(5.0, 50.0),
-    spike=st.one_of(st.none(), st.floats(1.2, 4.0)),
-    margin=st.one_of(st.just(0.0), st.floats(1e-9, 0.8)),
-    period=st.floats(0.5, 2.0),
-)
+@st.composite
+def one_link_tasks(draw: st.DrawFn) -> GaitProblem:
+    load, room = draw(st.floats(2.0, 20.0)), draw(st.floats(0.05, 1.5))
+    spike = draw(st.none() | st.floats(1.2, 4.0))
+    limits = Limits(
+        period=draw(st.floats(0.5, 2.0)),
+        length=(0.3, 0.3 + room),
+        rate=Rates(draw(st.floats(0.3, 2.0)), draw(st.floats(0.3, 2.0))),
+        acceleration=draw(st.floats(5.0, 50.0)),
+        spike_load=spike and 2 * load * spike,
+        sigma_margin=load * draw(st.just(0.0) | st.floats(1e-9, 0.8)),
+    )
+    masses = draw(st.tuples(st.floats(0.2, 3.0), st.floats(0.2, 3.0)))
+    return GaitProblem(Worm(links=1, mass=masses, load=load), limits, SPEED)

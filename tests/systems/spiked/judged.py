@@ -1,10 +1,13 @@
-"""A judge of designs that shares no code with the program, nor with `crawl`."""
+"""A judge of designs that shares no code with the program, nor with `crawl`; interruptions."""
+
+from itertools import count
 
 import numpy as np
 import pytest
 
 from tests.benchmarks import design_cases
 from tests.benchmarks.design_cases import Motion
+from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.study.given import plain
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.design.design import Design
@@ -36,3 +39,15 @@ def check(found: Design, tolerance: float = 1e-8) -> None:
     assert again.speed == pytest.approx(found.speed, rel=1e-8)
     assert again.resting_min >= limits.resting
     assert max(found.violations.values()) <= 1e-9
+
+
+def interrupt_after(monkeypatch: pytest.MonkeyPatch, climbs: int) -> None:
+    """The user stops in a climb, once."""
+    climb, begun = BilinearProgram.climb, count(1)
+
+    def interrupted_once(*args):
+        if next(begun) == climbs:
+            raise KeyboardInterrupt
+        return climb(*args)
+
+    monkeypatch.setattr(BilinearProgram, "climb", interrupted_once)

@@ -1,14 +1,14 @@
 """The event-located integration of (7): docs/theory-kinematic.md, motions solved by hand."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import root_scalar
+from smooth_gaits import glide_by_hand
 
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
@@ -86,34 +86,6 @@ def test_threshold_of_gliding(drag: float, mass: float, period: float):
     assert above.lambda_min >= 0
     assert len(below.glides) == 3
     assert below.lambda_min == pytest.approx(0, abs=1e-12)
-
-
-def root(function: Callable[[float], float], a: float, b: float) -> float:
-    return float(root_scalar(function, bracket=(a, b), method="brentq", xtol=1e-16).root)
-
-
-def glide_by_hand(drag: float, load: float) -> tuple[float, float, float]:
-    """Start, end and gain in advance of the first glide of gait (15), masses 1.
-
-    The worm lets go where sigma = 0; the centre of mass then obeys W' + k W + Gamma = 0 until it
-    is as slow as W0 again, in the next third of the period.
-    """
-    omega, drift = 3 * math.pi, load / drag
-
-    def sigma(t: float) -> float:
-        return AMPLITUDE * (omega * math.cos(omega * t) + drag * math.sin(omega * t)) + load
-
-    start = root(sigma, 1 / 6, 1 / 3)
-    speed = AMPLITUDE * math.sin(omega * start)
-
-    def surplus(t: float) -> float:
-        fallen = (speed + drift) * math.exp(-drag * (t - start)) - drift
-        return fallen + AMPLITUDE * math.sin(omega * t)  # W0 = -AMPLITUDE sin in this third
-
-    end = root(surplus, 1 / 3, 1 / 2)
-    way = (speed + drift) * -math.expm1(-drag * (end - start)) / drag - drift * (end - start)
-    way_of_w0 = AMPLITUDE / omega * (2 + math.cos(omega * start) + math.cos(omega * end))
-    return start, end, way - way_of_w0
 
 
 @pytest.mark.parametrize(("drag", "load"), [(1.0, 17.0), (0.1, 17.0), (0.3, 9.0)])

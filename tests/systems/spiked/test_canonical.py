@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from designs import kept
+from g1_worm import G1, G1_LIMITS, G1_WORM
 
 import wormopt as wo
 from wormopt.systems.spiked.design import design as designs
@@ -73,30 +74,29 @@ def test_rounding_does_not_choose_the_gait(name: str, times: int, accepted: floa
         assert lengths(other) == pytest.approx(lengths(first), rel=accepted)
 
 
-WORM, LIMITS = Worm(2, load=5.0), Limits(1.0, (0.7, 1.3), rate=1.0, acceleration=20.0)
 QUICK = Search(effort="quick", workers=1)
 
 
 def test_a_cycle_begins_with_the_smallest_order():
     """Mirror images and rotations are as fast; the design is the same one."""
-    found = kept(WORM, LIMITS, search=QUICK)
+    found = kept(G1_WORM, G1_LIMITS, search=QUICK)
     assert found.sequence == ((0,), (1,), (2,))
 
 
 @pytest.mark.parametrize("order", [((1,), (2,), (0,)), ((2,), (1,), (0,))])
 def test_an_order_that_is_asked_for_is_kept(order):
-    found = design(WORM, LIMITS, search=QUICK.vary(sequence=order))
+    found = design(G1_WORM, G1_LIMITS, search=QUICK.vary(sequence=order))
     assert found.sequence == order
     assert found.trial is not None
     turned, _ = designs.chosen(Trier(found.task), found.trial, turn=True)
     assert turned.sequence == ((0,), (1,), (2,))
-    free = kept(WORM, LIMITS, search=QUICK)
+    free = kept(G1_WORM, G1_LIMITS, search=QUICK)
     assert found.speed == pytest.approx(free.speed, rel=1e-9)
 
 
 def test_links_are_as_long_as_they_can_be():
     """Shorter links are as fast; the mean length is above that of the gait that is mirrored."""
-    found = kept(WORM, LIMITS, search=QUICK)
+    found = kept(G1_WORM, G1_LIMITS, search=QUICK)
     weights = 1.0 - np.arange(2) / 4
     mean = lengths(found)[:-1].mean(axis=0) @ weights
     mirrored = (2.0 - lengths(found)[:-1, ::-1]).mean(axis=0) @ weights
@@ -106,12 +106,12 @@ def test_links_are_as_long_as_they_can_be():
 @pytest.mark.parametrize(
     ("worm", "limits"),
     [
-        (WORM, LIMITS),
-        (Worm(3, load=5.0), LIMITS),
-        pytest.param(Worm(4, load=5.0), LIMITS.vary(resting=2), marks=pytest.mark.slow),
-        pytest.param(Worm(6, load=5.0), LIMITS, marks=pytest.mark.slow),
-        pytest.param(Worm(2, load=5.0, drag=0.5), LIMITS, marks=pytest.mark.slow),
-        pytest.param(WORM, LIMITS.vary(spike_load=27.0), marks=pytest.mark.slow),
+        (G1_WORM, G1_LIMITS),
+        (Worm(3, load=5.0), G1_LIMITS),
+        pytest.param(Worm(4, load=5.0), G1_LIMITS.vary(resting=2), marks=pytest.mark.slow),
+        pytest.param(Worm(6, load=5.0), G1_LIMITS, marks=pytest.mark.slow),
+        pytest.param(Worm(2, load=5.0, drag=0.5), G1_LIMITS, marks=pytest.mark.slow),
+        pytest.param(G1_WORM, G1_LIMITS.vary(spike_load=27.0), marks=pytest.mark.slow),
     ],
 )
 def test_the_choice_costs_nothing(worm: Worm, limits: Limits, monkeypatch: pytest.MonkeyPatch):
@@ -128,6 +128,6 @@ def test_an_interrupted_choice_keeps_the_gait_that_was_found(monkeypatch: pytest
         raise KeyboardInterrupt
 
     monkeypatch.setattr(designs, "chosen", interrupted)
-    found = design(WORM, LIMITS, search=QUICK)
+    found = design(G1_WORM, G1_LIMITS, search=QUICK)
     assert found.ended == "interrupted"
-    assert found.speed == pytest.approx(14 * 1394**0.5 / 125 - 839 / 250, rel=1e-9)
+    assert found.speed == pytest.approx(G1, rel=1e-9)

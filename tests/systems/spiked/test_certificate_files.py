@@ -52,58 +52,43 @@ def changed(task: GaitProblem, change: Callable[[Any], None]) -> Certificate:
     return Certificate(json.dumps(file))
 
 
+def put(*path: Any, to: Any) -> Callable[[Any], None]:
+    """Change one entry of a file, by what it is or to another."""
+
+    def change(file: Any) -> None:
+        *way, last = path
+        for key in way:
+            file = file[key]
+        file[last] = to(file[last]) if callable(to) else to
+
+    return change
+
+
 BROKEN: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "a bound that is lower": (lambda f: f.update(bound=less(f["bound"])), "exceeds the bound"),
+    "a bound that is lower": (put("bound", to=less), "exceeds the bound"),
     "a sign of W": (
-        lambda f: f["proof"].update(values=[[-x for x in v] for v in f["proof"]["values"]]),
+        put("proof", "values", to=lambda values: [[-x for x in v] for v in values]),
         "exceeds the bound",
     ),
-    "a coefficient": (
-        lambda f: f["proof"]["values"][3].__setitem__(0, f["proof"]["values"][3][0] + 10**6),
-        "exceeds the bound",
-    ),
-    "a larger load": (lambda f: f["problem"].update(load=["6", "6"]), "exceeds the bound"),
-    "a smaller margin": (
-        lambda f: f["problem"].update(sigma_margin="-1"),
-        "exceeds the bound",
-    ),
-    "stronger spikes": (
-        lambda f: f["problem"].update(spike_load=["30"] * 3),
-        "exceeds the bound",
-    ),
-    "stronger actuators": (
-        lambda f: f["problem"].update(actuator_force=["30"] * 2),
-        "exceeds the bound",
-    ),
-    "less drag": (lambda f: f["problem"].update(drag="0.1"), "exceeds the bound"),
-    "a faster link": (
-        lambda f: f["problem"]["rates"][1].__setitem__(0, "1.001"),
-        "link 0 can be faster",
-    ),
-    "a quicker link": (lambda f: f["problem"].update(acceleration=["21", "20"]), "accelerates by"),
-    "a longer link": (
-        lambda f: f["problem"]["length"].__setitem__(0, ["0.7", "1.4"]),
-        "link 0 can move by more",
-    ),
-    "a shorter stroke": (
-        lambda f: f["proof"]["strokes"].__setitem__(1, less(f["proof"]["strokes"][1])),
-        "link 1 can move by more",
-    ),
+    "a coefficient": (put("proof", "values", 3, 0, to=lambda x: x + 10**6), "exceeds the bound"),
+    "a larger load": (put("problem", "load", to=["6", "6"]), "exceeds the bound"),
+    "a smaller margin": (put("problem", "sigma_margin", to="-1"), "exceeds the bound"),
+    "stronger spikes": (put("problem", "spike_load", to=["30"] * 3), "exceeds the bound"),
+    "stronger actuators": (put("problem", "actuator_force", to=["30"] * 2), "exceeds the bound"),
+    "less drag": (put("problem", "drag", to="0.1"), "exceeds the bound"),
+    "a faster link": (put("problem", "rates", 1, 0, to="1.001"), "link 0 can be faster"),
+    "a quicker link": (put("problem", "acceleration", to=["21", "20"]), "accelerates by"),
+    "a longer link": (put("problem", "length", 0, to=["0.7", "1.4"]), "link 0 can move by more"),
+    "a shorter stroke": (put("proof", "strokes", 1, to=less), "link 1 can move by more"),
     "weaker brakes": (
-        lambda f: f["proof"]["brakes"][1].__setitem__(0, less(f["proof"]["brakes"][1][0])),
+        put("proof", "brakes", 1, 0, to=lambda brakes: less(brakes[0])),
         "link 0 accelerates by",
     ),
     "a piece left out": (lambda f: f["proof"]["pieces"].pop(), "no piece lies beyond|a gap"),
-    "a piece twice": (
-        lambda f: f["proof"]["pieces"].append(f["proof"]["pieces"][0]),
-        "overlap|a gap",
-    ),
-    "a piece moved": (
-        lambda f: f["proof"]["vertices"].__setitem__(0, [x + 1 for x in f["proof"]["vertices"][0]]),
-        "",
-    ),
-    "other resting masses": (lambda f: f["problem"].update(resting=2), "masses rest"),
-    "no cells": (lambda f: f["proof"].update(cells=0), "no cells"),
+    "a piece twice": (put("proof", "pieces", to=lambda p: [*p, p[0]]), "overlap|a gap"),
+    "a piece moved": (put("proof", "vertices", 0, to=lambda v: [x + 1 for x in v]), ""),
+    "other resting masses": (put("problem", "resting", to=2), "masses rest"),
+    "no cells": (put("proof", "cells", to=0), "no cells"),
 }
 
 

@@ -1,6 +1,5 @@
 """Certificates in scenes: what a result says, what is refused, what file is written."""
 
-import json
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from g1_worm import G1, G1_LIMITS
-from outcomes import value
+from outcomes import told_by_a_run, value
 
 import wormopt as wo
 from wormopt.cli import main
@@ -46,9 +45,8 @@ def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_packaged_scene_is_certified(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    sets = [part for change in [*OWN, 'want=["certificate"]'] for part in ("--set", change)]
-    code = main(["run", "certified_gait", "-o", str(tmp_path / "o"), "--json", *sets])
-    told = json.loads(capsys.readouterr().out)
+    changes = [*OWN, 'want=["certificate"]']
+    code, told = told_by_a_run(capsys, "certified_gait", tmp_path / "o", *changes, plots=True)
     scalars = {name: entry["value"] for name, entry in told["scalars"].items()}
     assert code == 0
     assert G1 <= scalars["bound"] <= G1 * 1.02
@@ -108,9 +106,8 @@ def test_a_proof_without_time_still_gives_a_result_with_its_picture(
     objective: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     changes = [*OWN, f"objective={objective}", "search.certify.time_limit=1e-9"]
-    sets = [part for change in [*changes, 'want=["certificate"]'] for part in ("--set", change)]
-    code = main(["run", "certified_gait", "-o", str(tmp_path / "o"), "--json", *sets])
-    told = json.loads(capsys.readouterr().out)
+    changes += ['want=["certificate"]']
+    code, told = told_by_a_run(capsys, "certified_gait", tmp_path / "o", *changes, plots=True)
     assert code == 0
     assert told["trust"]["certificate"]["ended"] == "time limit"
     assert "increase search.certify.time_limit" in " ".join(told["trust"]["warnings"])
@@ -142,10 +139,7 @@ def test_a_wrong_certificate_is_a_failure(monkeypatch, name: str, wrong: Any, sa
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (["search.certify=true"], "search.certify: true is not allowed; write a table"),
-        (["search.certify.gap=0"], "search.certify.gap: 0 is not allowed; write a number from"),
         (["search.certify.phases=4"], "search.certify.phases: unknown key"),
-        (["search.certify.time_limit=-1"], "search.certify.time_limit"),
         (
             ['objective={minimise="energy_per_distance", speed=0.5}'],
             "a proof is not available for minimise = 'energy_per_distance'",
@@ -170,19 +164,10 @@ def test_python_proves_what_a_scene_proves():
     assert told.certificate.text == result.attributes["certificate"]
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"gap": "a"}, 'Certify: gap: "a" is not allowed; write a number from 1e-05 to 0.5'),
-        ({"gap": 0.6}, "Certify: gap: 0.6 is not allowed; write a number"),
-        ({"time_limit": 0}, "Certify: time_limit: 0 is not allowed; write a finite number above 0"),
-    ],
-)
-def test_a_proof_refuses_what_it_cannot_use(given: dict[str, Any], said: str):
+def test_a_proof_refuses_what_it_cannot_use():
     found = designed_once(GaitProblem(Worm(2, load=5.0), G1_LIMITS), QUICK)
-    with pytest.raises(ArgumentError) as refused:
-        wo.certify(found, **given)
-    assert str(refused.value).startswith(said)
+    with pytest.raises(ArgumentError, match='Certify: gap: "a" is not allowed; write a number'):
+        wo.certify(found, gap="a")  # type: ignore[arg-type]
 
 
 def test_pictures_and_fronts_need_what_they_draw():

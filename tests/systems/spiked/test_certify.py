@@ -18,7 +18,7 @@ from certified import (
     g1,
     less,
     one_link_speed,
-    one_links,
+    one_link_tasks,
 )
 from effort import examples
 from hypothesis import HealthCheck, assume, given, settings
@@ -30,7 +30,7 @@ from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
 from wormopt.systems.shared.sequences import Sequence_, is_gait
-from wormopt.systems.spiked.certify.bound import bounded
+from wormopt.systems.spiked.certify.bound import Bounded, bounded
 from wormopt.systems.spiked.certify.certificate import Certificate, verify
 from wormopt.systems.spiked.certify.program import Level, Outer, Program
 from wormopt.systems.spiked.certify.statement import Statement
@@ -46,6 +46,11 @@ LEAST_PEAK = 585 / 23  # of G1 at speed 0.75, period 1
 @cache
 def solved(task: GaitProblem, *level: int) -> float:
     return Program(Outer(Statement.of(task)), Level(*level)).solve(60.0)[0]
+
+
+def assert_proven(found: Bounded) -> None:
+    assert found.certificate is not None
+    assert verify(found.certificate).holds
 
 
 # -- motions that are true by construction -----------------------------------------------------
@@ -204,10 +209,7 @@ def makings(**kinds) -> st.SearchStrategy[Making]:
 
 @settings(max_examples=examples(8), derandomize=True)
 @given(
-    st.one_of(
-        makings(),
-        makings(shape=st.sampled_from([(2, 3), (2, 4)]), vanishing=st.just(True)),
-    ),
+    st.one_of(makings(), makings(shape=st.sampled_from([(2, 3), (2, 4)]), vanishing=st.just(True))),
     st.tuples(st.floats(0.1, 10.0), st.floats(0.1, 10.0)),
     st.sampled_from([0.0, 0.3, 3.0]),
     st.sampled_from([0.0, 2.0]),
@@ -250,24 +252,13 @@ def coasting() -> tuple[GaitProblem, float]:
 
 
 @settings(max_examples=examples(15), derandomize=True)
-@given(one_links)
-def test_one_link_is_bounded_by_its_closed_form(given_):
-    load = given_["load"]
-    limits = Limits(
-        period=given_["period"],
-        length=(0.3, 0.3 + given_["room"]),
-        rate=Rates(contraction=given_["contraction"], extension=given_["extension"]),
-        acceleration=given_["acceleration"],
-        spike_load=None if given_["spike"] is None else 2 * load * given_["spike"],
-        sigma_margin=load * given_["margin"],
-    )
-    task = GaitProblem(Worm(links=1, mass=given_["masses"], load=load), limits, SPEED)
-    periods = given_["period"] / np.geomspace(1.0, 10.0, 60)  # every shorter one counts
-    best = max(one_link_speed(task.worm, limits.vary(period=float(t))) for t in periods)
+@given(one_link_tasks())
+def test_one_link_is_bounded_by_its_closed_form(task: Any):
+    periods = task.limits.period / np.geomspace(1.0, 10.0, 60)  # every shorter one counts
+    best = max(one_link_speed(task.worm, task.limits.vary(period=float(t))) for t in periods)
     found = bound_of(task, best, 0.02)
     assert best * (1 - 1e-12) <= found.bound <= best * 1.02  # the best lies between two of these
-    assert found.certificate is not None
-    assert verify(found.certificate).holds
+    assert_proven(found)
 
 
 def test_one_link_by_hand():
@@ -312,8 +303,7 @@ def test_bounds_come_near_the_best_gaits_known(task: GaitProblem, best: float, g
     found = bound_of(task, best, gap)
     assert best < found.bound <= best * (1 + gap)
     assert found.ending == "gap reached"
-    assert found.certificate is not None
-    assert verify(found.certificate).holds
+    assert_proven(found)
 
 
 def test_strokes_that_fit_into_a_short_period_are_proven():
@@ -321,8 +311,7 @@ def test_strokes_that_fit_into_a_short_period_are_proven():
     found = bound_of(g1(resting=2, period=1.0), 0.275, 0.005)
     assert found.ending == "gap reached"
     assert 0.275 <= found.bound <= 0.275 * 1.005
-    assert found.certificate is not None
-    assert verify(found.certificate).holds
+    assert_proven(found)
     file = json.loads(found.certificate.text)
     assert all(0.275 <= Fraction(stroke) < 0.28 for stroke in file["proof"]["strokes"])
     first = file["proof"]["stroke_proofs"][0]
@@ -396,8 +385,7 @@ def test_a_peak_load_is_bounded_from_below():
     found = bound_of(task, LEAST_PEAK, 0.2)
     assert found.ending == "gap reached"
     assert 0.8 * LEAST_PEAK <= found.bound <= LEAST_PEAK
-    assert found.certificate is not None
-    assert verify(found.certificate).holds
+    assert_proven(found)
     assert found.certificate.bound < 0.75  # no gait of a smaller peak is so fast
     assert Fraction(json.loads(found.certificate.text)["problem"]["spike_load"][0]) <= LEAST_PEAK
 
@@ -406,8 +394,7 @@ def test_long_worms_are_bounded_by_the_mean_rates_of_their_links():
     """n/2 r D/(D + r^2/a), which is below the ceiling of rates n/2 r."""
     found = bound_of(g1(5), 1.9)
     assert found.bound == pytest.approx(2.5 * 0.6 / 0.65, rel=1e-8)
-    assert found.certificate is not None
-    assert verify(found.certificate).holds
+    assert_proven(found)
 
 
 def test_jumps_are_bounded_by_rates_and_resting_masses():
@@ -464,13 +451,6 @@ def test_no_designed_gait_passes_its_bound(task: GaitProblem):
 @given(tasks(st.integers(1, 3)))
 def test_no_designed_gait_passes_its_bound_for_many_limits(task: GaitProblem):
     check_designed(task)
-
-
-# -- files and their verification ----------------------------------------------------------------
-
-
-def more(number: str) -> str:
-    return less(number, "1.001")
 
 
 # -- runs that stop ------------------------------------------------------------------------------

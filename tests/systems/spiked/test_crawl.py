@@ -7,12 +7,12 @@ import pytest
 from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import brentq, nnls, root_scalar
-from smooth_gaits import hermite_gait, safe_load, smooth_gaits
+from scipy.optimize import brentq
+from smooth_gaits import glide_by_hand, hermite_gait, safe_load, smooth_gaits
 
 from wormopt.errors import SolveError, UnknownNameError
 from wormopt.model.gait import Gait
-from wormopt.systems.spiked.bimodal import integrate
+from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.construct import (
     Profile,
     accordion,
@@ -42,6 +42,19 @@ def closed_glides(motion: Crawl) -> list[tuple[float, float]]:
     return glides
 
 
+def assert_as_stepped(motion: Crawl, stepped: BimodalMotion, longer: float = 0.0) -> None:
+    """Of glides those that last longer."""
+    assert motion.advance == pytest.approx(stepped.advance, abs=1e-9)
+    low, high = (float(end[0]) for end in motion.extremes("reaction_mean"))
+    known = stepped.lambda_min, stepped.lambda_max
+    assert (low, high) == pytest.approx(known, abs=1e-8 * stepped.lambda_max)
+    found, expected = (
+        np.array([g for g in glides if abs(g[1] - g[0]) > longer])
+        for glides in (closed_glides(motion), stepped.glides)
+    )
+    assert found == pytest.approx(expected, abs=1e-7)
+
+
 # --- Gait (15) ---------------------------------------------------------------------------
 
 
@@ -59,6 +72,7 @@ def test_gait_15_has_the_loads_of_theory():
     assert carried.min() == pytest.approx(6.704136, abs=1e-6)
     assert motion.resting_sequence == [[1], [0], [2]]
     assert (motion.resting_min, motion.glides) == (1, [])
+    assert motion.smallest_load == pytest.approx(17.765288, abs=1e-6)
 
 
 @settings(max_examples=examples(20))
@@ -95,33 +109,6 @@ def test_the_smallest_period_is_that_of_the_shape(period: float):
     drive = ([1.0, 2.0, 1.0], 0.5, 20.0)
     far, near = (crawl(fast_gait(t), *drive).smallest_period for t in (period, 1.0))
     assert far == pytest.approx(near, rel=1e-12)
-
-
-def test_the_smallest_load_of_gait_15_is_that_of_theory():
-    motion = crawl(fast_gait(1.0), [1.0] * 3, 1.0, 20.0)
-    assert motion.smallest_load == pytest.approx(17.765288, abs=1e-6)
-
-
-def glide_by_hand(drag: float, load: float) -> tuple[float, float, float]:
-    """Start, end and gained way of the first glide of gait (15), masses 1.
-
-    Free of the spikes, the centre of mass obeys W' + k W + Gamma = 0 from the instant at which
-    sigma vanishes until W falls on W0 of the next third.
-    """
-    top, omega = 0.6 * math.pi, 3 * math.pi
-    phase = math.atan2(omega, drag)  # sigma = load + top * hypot * sin(omega t + phase)
-    start = (math.pi + math.asin(load / (top * math.hypot(omega, drag))) - phase) / omega
-    speed, drift = top * math.sin(omega * start), load / drag
-
-    def free(t: float) -> float:
-        return (speed + drift) * math.exp(-drag * (t - start)) - drift
-
-    def surplus(t: float) -> float:
-        return free(t) + top * math.sin(omega * t)
-
-    end = float(root_scalar(surplus, bracket=(1 / 3, 0.5), method="brentq", xtol=1e-15).root)
-    way = (speed - free(end)) / drag - drift * (end - start)
-    return start, end, way - top / omega * (2 + math.cos(omega * start) + math.cos(omega * end))
 
 
 @pytest.mark.parametrize(
@@ -223,10 +210,7 @@ def test_laws_of_motion_hold_for_any_smooth_gait(
 
 @settings(max_examples=examples(20))
 @given(
-    gait=smooth_gaits(3),
-    drag=st.floats(0, 3),
-    share=st.floats(0.05, 0.9),
-    ratio=st.floats(0.2, 5),
+    gait=smooth_gaits(3), drag=st.floats(0, 3), share=st.floats(0.05, 0.9), ratio=st.floats(0.2, 5)
 )
 def test_time_stepping_over_events_finds_the_same_motion(
     gait: Gait, drag: float, share: float, ratio: float
@@ -235,15 +219,7 @@ def test_time_stepping_over_events_finds_the_same_motion(
     mass = np.geomspace(1.0, ratio, gait.links + 1).tolist()
     load = share * safe_load(gait, mass)
     motion, stepped = crawl(gait, mass, drag, load), integrate(gait, mass, drag, load)
-    assert motion.advance == pytest.approx(stepped.advance, abs=1e-9)
-    low, high = motion.extremes("reaction_mean")
-    size = stepped.lambda_max
-    assert (low[0], high[0]) == pytest.approx(
-        (stepped.lambda_min, stepped.lambda_max), abs=1e-8 * size
-    )
-    long = [g for g in closed_glides(motion) if abs(g[1] - g[0]) > 1e-3]
-    expected = [g for g in stepped.glides if abs(g[1] - g[0]) > 1e-3]
-    assert np.array(long) == pytest.approx(np.array(expected), abs=1e-7)
+    assert_as_stepped(motion, stepped, 1e-3)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 1.1])
@@ -252,13 +228,9 @@ def test_a_wave_of_one_piece_moves_as_stepped_over_events(links: int, lag: float
     """Whose resting masses change many times within the piece."""
     gait = travelling_sine(links, 0.9, 1.0, 0.2, lag=lag)
     mass, load = np.linspace(1.0, 2.0, links + 1).tolist(), share * safe_load(gait, [1.5])
-    motion, stepped = crawl(gait, mass, 0.8, load), integrate(gait, mass, 0.8, load)
-    assert motion.advance == pytest.approx(stepped.advance, abs=1e-9)
+    motion = crawl(gait, mass, 0.8, load)
     assert len(motion.resting_sequence) >= links
-    low, high = (float(end[0]) for end in motion.extremes("reaction_mean"))
-    size = stepped.lambda_max
-    assert (low, high) == pytest.approx((stepped.lambda_min, size), abs=1e-8 * size)
-    assert np.array(closed_glides(motion)) == pytest.approx(np.array(stepped.glides), abs=1e-7)
+    assert_as_stepped(motion, integrate(gait, mass, 0.8, load))
 
 
 @settings(max_examples=examples(15))
@@ -323,28 +295,6 @@ def test_least_actuation_splits_as_solved_by_hand(
     even = share_load(sums, bare, resting, "equal").ravel()
     assert even[resting] == pytest.approx([total / len(resting)] * len(resting))
     assert even.sum() == pytest.approx(total)
-
-
-@settings(max_examples=examples(150))
-@given(links=st.integers(1, 8), total=st.floats(0.01, 20), seed=st.integers(0, 10**6))
-def test_least_actuation_is_the_constrained_least_squares_solution(
-    links: int, total: float, seed: int
-):
-    """Against non-negative least squares, the sum held by a heavily weighted row."""
-    random = np.random.default_rng(seed)
-    unloaded = np.append(random.normal(0, 5, links), -total)
-    count = int(random.integers(1, links + 2))
-    resting = sorted(random.choice(links + 1, count, replace=False).tolist())
-    found = share_load(np.array([total]), unloaded[:, None], resting, "least_actuation").ravel()
-    assert found.sum() == pytest.approx(total, rel=1e-12)
-    assert found.min() >= -1e-12 * total
-    carried = np.array([[float(i < j) for i in resting] for j in range(1, links + 1)])
-    weight = 1e6
-    rows = np.vstack([carried, np.full(count, weight)])
-    best, _ = nnls(rows, np.append(-unloaded[:links], weight * total))
-    forces = unloaded[:links] + carried @ found[resting]
-    others = unloaded[:links] + carried @ (best * total / best.sum())
-    assert forces @ forces <= others @ others + 1e-7 * (1 + others @ others)
 
 
 def test_sharing_rules_in_motion():
@@ -520,15 +470,30 @@ def test_a_worm_glides_twice_while_the_same_mass_leads():
     assert np.array(motion.glides[:2]) == pytest.approx(np.array([first, first + 0.5]), abs=1e-9)
 
 
-def test_a_mass_that_leads_from_a_tie_on_has_a_stretch_of_its_own():
-    """The rate s (1/2 - s): mass 1 rests first, though all are alike where the piece begins."""
-    gait = Gait(
-        np.array([0.0, 1.0, 2.0]),
-        np.array([[[1.0, 0.0, 1 / 4, -1 / 3]], [[11 / 12, 1 / 12, 0.0, 0.0]]]),
-    )
+@pytest.mark.parametrize(
+    ("breaks", "courses", "expected"),
+    [
+        # the rate s (1/2 - s): mass 1 rests first, though all are alike where the piece begins
+        (
+            [0, 1, 2],
+            [[1, 0, 1 / 4, -1 / 3], [11 / 12, 1 / 12, 0, 0]],
+            [(0, 1, 0.5), (0, 0, 1), (1, 1, 1)],
+        ),
+        # the rate t (t - 2e-6) (1 - t), below 0 by 1e-12 at most until 2e-6, and from 1 on
+        (
+            [0, 2, 4],
+            [[1, 0, -1e-6, (1 + 2e-6) / 3, -1 / 4], [-1 / 3 + 4e-6 / 3, 2 / 3 - 2e-6 / 3, 0, 0, 0]],
+            [(0, 1, 1), (0, 0, 2), (1, 1, 2)],
+        ),
+    ],
+)
+def test_a_mass_that_leads_from_a_tie_on_has_a_stretch_of_its_own(
+    breaks: list[float], courses: list[list[float]], expected: list[tuple[int, int, float]]
+):
+    gait = Gait(np.array(breaks, float), np.array(courses)[:, None])
     held = [stretch for stretch in crawl(gait, [1.0, 1.0], 0.0, 1e3).stretches if stretch.resting]
-    assert [stretch.resting for stretch in held] == [(1,), (0,), (1,)]
-    assert [stretch.stop for stretch in held] == pytest.approx([0.5, 1, 1])
+    found = [(stretch.piece, *stretch.resting, stretch.stop) for stretch in held]
+    assert np.array(found) == pytest.approx(np.array(expected))
 
 
 def test_a_mass_that_only_comes_up_to_those_at_rest_parts_no_stretch():
@@ -553,17 +518,6 @@ def test_stretches_follow_each_other_where_a_mass_leads_by_a_rounding_error_at_f
     assert begins[0] == 0.0
     assert begins[1:] == pytest.approx(ends[:-1], abs=1e-15)
     assert ends[-1] == 2.0
-
-
-def test_a_first_touch_leaves_all_later_stretches_as_they_are():
-    """The rate t (t - 2e-6) (1 - t), below 0 by 1e-12 at most until 2e-6, and from 1 on."""
-    there = np.array([1.0, 0.0, -1e-6, (1 + 2e-6) / 3, -1 / 4])
-    end = there @ 2.0 ** np.arange(5)
-    back = np.array([end, (1 - end) / 2, 0.0, 0.0, 0.0])
-    gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[there], [back]]))
-    held = [stretch for stretch in crawl(gait, [1.0, 1.0], 0.0, 1e3).stretches if stretch.resting]
-    assert [(stretch.piece, *stretch.resting) for stretch in held] == [(0, 1), (0, 0), (1, 1)]
-    assert [stretch.stop for stretch in held] == pytest.approx([1, 2, 2])
 
 
 @pytest.mark.parametrize("factor", [1e-4, 1e8])

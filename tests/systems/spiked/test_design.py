@@ -1,6 +1,5 @@
 """Designed gaits: benchmarks, the bounds they may not pass, and what happens when none exists."""
 
-import json
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
@@ -13,12 +12,12 @@ from effort import examples
 from g1_worm import G1, G1_LIMITS, G1_WORM
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from outcomes import failed_checks, value
+from judged import interrupt_after
+from outcomes import failed_checks, told_by_a_run, value
 
 import wormopt as wo
-from wormopt.cli import main
 from wormopt.errors import Interrupted, SolveError
-from wormopt.numerics.bilinear import BilinearProgram
+from wormopt.families.store import Store
 from wormopt.systems.shared.sequences import sequences
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.construct import block_wave, gait_of_result
@@ -56,15 +55,6 @@ def test_g1_gait_crawls_alike_by_a_second_route(fast_gait):
     assert again.lambda_min >= -1e-9
     assert again.lambda_max == pytest.approx(value(fast_gait, "lambda_max"), abs=1e-9)
     assert again.resting_min == 1
-
-
-def test_every_scalar_a_gait_result_carries_is_there(fast_gait):
-    names = (
-        "speed advance period ceiling resting_min lambda_min lambda_max lambda_mean "
-        "spike_load_max actuator_force_max energy_per_distance mode_sequence worst_violation "
-        "discretisation_error recheck_speed_error"
-    )
-    assert set(names.split()) <= set(fast_gait.scalars)
 
 
 def test_without_drag_net_work_per_distance_is_the_load_for_every_gait(fast_gait):
@@ -184,10 +174,7 @@ limits_ = st.builds(
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=examples(5),
-    derandomize=True,
-)
+@settings(max_examples=examples(5), derandomize=True)
 @given(limits_)
 def test_no_designed_gait_passes_the_ceiling(given_):
     """Random limits: the ceiling holds, no limit is exceeded, and the second route agrees."""
@@ -266,46 +253,15 @@ def test_a_sequence_is_never_faster_than_its_own_ceiling(fast_gait):
     ],
 )
 def test_an_impossible_request_names_the_limits(overrides, named, tmp_path: Path, capsys):
-    sets = [part for override in overrides for part in ("--set", override)]
-    quick = ["--set", 'search.effort="quick"', "--set", "search.phases=3"]
-    code = main(
-        [
-            "run",
-            "design_fast_gait",
-            "--json",
-            "--no-plots",
-            "-o",
-            str(tmp_path / "o"),
-            *sets,
-            *quick,
-        ]
-    )
-    out, err = capsys.readouterr()
-    answer = json.loads(out)
-    assert code == 3
-    assert answer["status"] == "failed"
-    for name in named:
-        assert name in answer["reason"]
-    assert "Traceback" not in err
-    assert (tmp_path / "o" / "summary.json").is_file()
-
-
-def interrupt_climb(monkeypatch, after: int) -> list[int]:
-    """The user stops when so many climbs have begun, once."""
-    climb, calls = BilinearProgram.climb, []
-
-    def interrupted_once(*args):
-        calls.append(len(calls))
-        if len(calls) == after:
-            raise KeyboardInterrupt
-        return climb(*args)
-
-    monkeypatch.setattr(BilinearProgram, "climb", interrupted_once)
-    return calls
+    quick = ('search.effort="quick"', "search.phases=3")
+    code, answer = told_by_a_run(capsys, "design_fast_gait", tmp_path, *overrides, *quick)
+    assert (code, answer["status"]) == (3, "failed")
+    assert all(name in answer["reason"] for name in named)
+    assert (tmp_path / "summary.json").is_file()
 
 
 def test_an_interrupted_search_leaves_the_best_gait_so_far(monkeypatch):
-    interrupt_climb(monkeypatch, 6)
+    interrupt_after(monkeypatch, 6)
     with pytest.raises(Interrupted) as stopped:
         run()
     partial = stopped.value.partial
@@ -371,7 +327,7 @@ FRONT = [
 def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
     from wormopt.systems.spiked import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda: Store(tmp_path))
     spoil(monkeypatch, gait_pareto, 0.8)
     result = wo.run(wo.load_scene("pareto_speed_load", FRONT))
     assert (result.status, result.reason) == ("failed", "no point of the front was accepted")
@@ -382,7 +338,7 @@ def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
 def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
     from wormopt.systems.spiked import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda: Store(tmp_path))
     scene = wo.load_scene("pareto_speed_load", FRONT)
     original, seen = gait_pareto.designed, []
 
@@ -401,7 +357,7 @@ def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
     order = np.argsort(result["front_speed"].values)
     assert np.all(np.diff(result["front_value"].values[order]) > -1e-9)
     assert result["front_value"].values.min() >= 10.0 - 1e-9  # mean lambda = Gamma, one spike
-    assert not list(tmp_path.rglob("point_*"))
+    assert not list(tmp_path.glob("*.nc"))
 
 
 @pytest.mark.parametrize("fails_at", [1, 2])
@@ -410,7 +366,7 @@ def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
 ):
     from wormopt.systems.spiked import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path / "kept")
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda: Store(tmp_path / "kept"))
     original, calls = gait_pareto.designed, []
 
     def refusing(*args):
@@ -422,10 +378,8 @@ def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
 
     monkeypatch.setattr(gait_pareto, "designed", refusing)
     motor = "motor={lead=0.5, rate_max=2.0, acceleration_max=40.0}"
-    sets = [part for change in (*FRONT, motor) for part in ("--set", change)]
     folder = tmp_path / "o"
-    code = main(["run", "pareto_speed_load", "--json", "--no-plots", "-o", str(folder), *sets])
-    told = json.loads(capsys.readouterr().out)
+    code, told = told_by_a_run(capsys, "pareto_speed_load", folder, *FRONT, motor)
     said = told["reason"] if fails_at == 1 else " ".join(told["trust"]["warnings"])
     assert code == (3 if fails_at == 1 else 0)
     assert "gait.rate is too small for the limits.; raise gait.rate; gait.rate is here the " in said
@@ -461,7 +415,7 @@ def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
 def test_a_front_whose_first_gait_loses_a_phase_is_designed(tmp_path: Path, monkeypatch):
     from wormopt.systems.spiked import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda: Store(tmp_path))
     changes = ["pareto.points=3", 'search.effort="quick"']
     result = wo.run(wo.load_scene("pareto_speed_load", changes))
     assert result.status == "ok"

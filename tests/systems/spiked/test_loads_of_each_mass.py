@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from g1_worm import G1_LIMITS
+from outcomes import told_by_a_run
 
-from wormopt.cli import main
 from wormopt.errors import ArgumentError
 from wormopt.systems.spiked.certify.certificate import verify
 from wormopt.systems.spiked.certify.certified import certify
@@ -17,10 +17,8 @@ from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.design.sensitivity import scaling_error, sensitivities
 from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
-from wormopt.systems.spiked.limits import Limits
 
 MASSES, LOADS = (1.0, 2.0, 1.5), (0.5, 4.0, 9.0)
-LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 OWN = Search(sequence=((0,), (1,), (2,)), effort="quick", workers=1)
 
 
@@ -50,7 +48,7 @@ def test_numbers_alike_are_one_load():
 
 def test_designs_keep_the_limits_of_actuators_with_the_loads_where_they_are():
     """All loads at the tail, whose link carries them: 12 less the spikes' share."""
-    limit = Limits(1.0, (0.7, 1.3), rate=1.0, acceleration=20.0, actuator_force=14.0)
+    limit = G1_LIMITS.vary(actuator_force=14.0)
     speeds = {}
     for load in ((12.0, 0.0, 0.0), 4.0, (0.0, 0.0, 12.0)):
         found = design(Worm(2, load=load), limit, search=OWN)
@@ -64,7 +62,7 @@ def test_designs_keep_the_limits_of_actuators_with_the_loads_where_they_are():
 
 
 def test_certificates_take_each_load_where_it_is():
-    limits = Limits(1.0, (0.7, 1.3), rate=1.0, acceleration=20.0, actuator_force=11.0)
+    limits = G1_LIMITS.vary(actuator_force=11.0)
     bounds = []
     for pull in ((9.0, 0.0), (0.0, 9.0)):
         order = Search(sequence=((0,), (1,)), effort="quick", workers=1)
@@ -89,11 +87,11 @@ def test_sensitivities_by_each_load_are_those_of_designs(
 ):
     """Of a peak actuator force at a speed, in one order."""
     worm = Worm(2, (1.0, 1.5, 1.0), load=(0.0, 1.0, 3.0), pull=(0.3, 0.9, 0.6))
-    found = design(worm, LIMITS, "peak_actuator_force", 0.5, search=OWN)
+    found = design(worm, G1_LIMITS, "peak_actuator_force", 0.5, search=OWN)
     known = {s.name: s for s in sensitivities(found)}
     assert scaling_error(known.values(), found.task.objective) < 1e-3
     moved = Worm(2, worm.mass, load=load, pull=pull)
-    dearer = design(moved, LIMITS, "peak_actuator_force", 0.5, search=OWN).value
+    dearer = design(moved, G1_LIMITS, "peak_actuator_force", 0.5, search=OWN).value
     slope = (dearer - found.value) / 1e-3
     assert not known[name].one_sided
     assert known[name].raised == pytest.approx(slope, rel=0.05, abs=2e-3)
@@ -109,7 +107,7 @@ def test_sensitivities_by_each_load_are_those_of_designs(
 )
 def test_loads_that_fit_no_worm_are_refused(load: tuple[float, ...], message: str):
     with pytest.raises(ArgumentError, match=message):
-        GaitProblem(Worm(2, load=load), LIMITS)
+        GaitProblem(Worm(2, load=load), G1_LIMITS)
 
 
 def test_a_robot_as_it_is_built_is_designed_on_its_slope_with_its_cable(tmp_path: Path, capsys):
@@ -137,9 +135,8 @@ effort = "quick"
 sequence = [[0], [4]]
 """
     )
-    assert main(["run", str(scene), "-o", str(tmp_path / "out"), "--json", "--no-plots"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["status"] == "ok"
+    code, told = told_by_a_run(capsys, scene, tmp_path / "out")
+    assert (code, told["status"]) == (0, "ok")
     mean = (0.3 + 0.44 * 9.80665 * np.sin(np.radians(10))) / 5
     assert told["scalars"]["lambda_mean"]["value"] == pytest.approx(mean, rel=1e-9)
     assert told["scalars"]["actuator_force_max"]["value"] <= 3.0 + 1e-9

@@ -1,7 +1,6 @@
 """Phases that count: those that last, of a cycle that does not repeat itself."""
 
 from fractions import Fraction
-from functools import cache
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from wormopt.progress import silent
 from wormopt.systems.shared.sequences import lasting, repetition
 from wormopt.systems.spiked.certify.certified import certify
-from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits
@@ -58,14 +56,9 @@ def test_the_ceiling_is_not_below_its_exact_value():
         assert c * e / (c + e) <= found <= c * e / (c + e) * (1 + Fraction(1, 10**12))
 
 
-@cache
-def slow_worm() -> Design:
-    limits = Limits(period=(1.0, 20.0), length=(0.7, 1.3), rate=0.08, acceleration=20.0)
-    return designed(GaitProblem(Worm(2, load=5.0), limits, Objective()), QUICK, silent)
-
-
 def test_a_bound_is_never_above_the_ceiling():
-    found = slow_worm()
+    limits = Limits(period=(1.0, 20.0), length=(0.7, 1.3), rate=0.08, acceleration=20.0)
+    found = designed(GaitProblem(Worm(2, load=5.0), limits, Objective()), QUICK, silent)
     told = certify(found, time_limit=1e-9)
     assert found.ceiling == pytest.approx(0.08, rel=1e-12)
     assert found.speed < told.bound <= found.ceiling

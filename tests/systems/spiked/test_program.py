@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from certified import one_link_speed, one_links
+from certified import one_link_speed, one_link_tasks
 from effort import examples
 from g1_worm import G1, G1_LIMITS, G1_ORDER, G1_WORM
 from hypothesis import example, given, reject, settings
@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from judged import check
 
 from tests.benchmarks import design_cases, design_rivals
-from wormopt.errors import SolveError
 from wormopt.numerics.bilinear import Climb, Point
 from wormopt.systems.shared.sequences import lasting
 from wormopt.systems.spiked.design.optimize import design
@@ -38,27 +37,19 @@ def parts_of(case: design_cases.Case) -> tuple[Worm, Limits]:
 
 
 @settings(max_examples=examples(25), derandomize=True)
-@given(one_links)
-def test_one_link_is_designed_to_its_closed_form(given_: dict[str, Any]):
+@given(one_link_tasks())
+def test_one_link_is_designed_to_its_closed_form(task: Any):
     """Trapezoids by hand; as many strokes a period as are best for them."""
-    load = given_["load"]
-    limits = Limits(
-        period=given_["period"],
-        length=(0.3, 0.3 + given_["room"]),
-        rate=Rates(given_["contraction"], given_["extension"]),
-        acceleration=given_["acceleration"],
-        spike_load=None if given_["spike"] is None else 2 * load * given_["spike"],
-        sigma_margin=load * given_["margin"],
-    )
-    worm = Worm(links=1, mass=given_["masses"], load=load)
+    worm, limits = task.worm, task.limits
     found = design(worm, limits, search=Search(sequence=((0,), (1,)), effort="quick"))
-    best = max(one_link_speed(worm, limits.vary(period=given_["period"] / k)) for k in range(1, 30))
-    assert found.speed == pytest.approx(best, rel=1e-9)
-    assert found.speed == pytest.approx(
-        one_link_speed(worm, limits.vary(period=given_["period"] / found.cycles)), rel=1e-9
-    )
+
+    def speed(cycles: int) -> float:
+        return one_link_speed(worm, limits.vary(period=limits.period / cycles))
+
+    assert found.speed == pytest.approx(max(map(speed, range(1, 30))), rel=1e-9)
+    assert found.speed == pytest.approx(speed(found.cycles), rel=1e-9)
     assert max(found.violations.values()) <= 1e-9
-    assert found.motion.extremes("sigma")[0][0] >= limits.sigma_margin - 1e-9 * load
+    assert found.motion.extremes("sigma")[0][0] >= limits.sigma_margin - 1e-9 * worm.load
 
 
 def test_the_speed_of_one_link_by_hand():
@@ -83,11 +74,6 @@ def test_g1_is_the_optimum_of_its_program_to_rounding():
 
 
 # -- arcs halved, vertices sharpened ---------------------------------------------------------------
-
-
-@cache
-def drawn(seed: int, index: int) -> tuple[Worm, Limits]:
-    return parts_of(design_cases.draw(seed, index + 1)[index])
 
 
 def climbed(task: GaitProblem, sequence, arcs: int, degree: int) -> tuple[GaitProgram, Point]:
@@ -183,17 +169,11 @@ def test_no_rival_of_any_order_is_faster_on_random_problems(index: int):
     assert speed <= found.speed * (1 + 1e-6)
 
 
-@settings(max_examples=examples(8), derandomize=True)
-@given(st.integers(0, 10_000))
-def test_every_gait_keeps_its_limits(seed):
+@pytest.mark.parametrize(
+    "seed", [48, 59, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 7, 16, 18, 20, 39))]
+)
+def test_every_gait_keeps_its_limits(seed: int):
     """Random problems of two and three links by the judge, by integration and by `crawl`."""
-    case = design_cases.draw(seed, 1)[0]
-    worm, limits = parts_of(case)
-    if worm.links > 3 or worm.drag or limits.resting > 1:
-        reject()
+    worm, limits = parts_of(design_cases.draw(seed, 1)[0])
     search = Search(sequence=((0,), (worm.links,)), effort="quick", workers=1)
-    try:
-        found = design(worm, limits, search=search)
-    except SolveError:
-        reject()
-    check(found)
+    check(design(worm, limits, search=search))

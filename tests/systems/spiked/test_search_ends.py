@@ -1,6 +1,5 @@
 """Searches that end early, find no gait or are refused, and what a run says of them."""
 
-import json
 import os
 import signal
 from itertools import count
@@ -13,11 +12,10 @@ import numpy as np
 import pytest
 from designs import kept
 from g1_worm import G1_LIMITS, G1_WORM, OWN
-from judged import check
+from judged import check, interrupt_after
+from outcomes import told_by_a_run
 
-from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.systems.spiked.construct import load_gait
 from wormopt.systems.spiked.design import design as design_module
 from wormopt.systems.spiked.design.design import Design
@@ -54,14 +52,6 @@ def test_one_link_is_proven_the_best_at_once():
     assert found.bound == pytest.approx(4 / 9, rel=1e-6)
 
 
-@pytest.mark.parametrize("gap", [0.0, 1.0, True, "a"])
-def test_a_gap_is_a_share(gap: Any):
-    with pytest.raises(
-        ArgumentError, match=r"Search: gap: .* is not allowed; write a number from 1e-05 to 0.5"
-    ):
-        design(G1_WORM, G1_LIMITS, search=Search(gap=gap))
-
-
 LONG = (Worm(links=4, load=5.0), G1_LIMITS.vary(period=2.0))
 
 
@@ -87,18 +77,6 @@ def test_a_time_limit_is_kept_by_a_real_clock():
     found = design(*LONG, search=Search(effort="thorough", time_limit=0.5, workers=1))
     check_cut_short(found, "time limit")
     assert monotonic() - begin < 10.0  # the machine may be busy; without it takes minutes
-
-
-def interrupt_after(monkeypatch: pytest.MonkeyPatch, climbs: int) -> None:
-    """The user stops in a climb, once."""
-    climb, begun = BilinearProgram.climb, count(1)
-
-    def interrupted_once(*args):
-        if next(begun) == climbs:
-            raise KeyboardInterrupt
-        return climb(*args)
-
-    monkeypatch.setattr(BilinearProgram, "climb", interrupted_once)
 
 
 @pytest.mark.parametrize("climbs", [5, 9, pytest.param(30, marks=pytest.mark.slow)])
@@ -180,16 +158,12 @@ def test_a_speed_that_no_gait_reaches_is_named():
 
 # -- scenes --------------------------------------------------------------------------------------
 
-
-def told_by_a_run(capsys, folder: Path, *changes: str) -> tuple[int, dict]:
-    sets = [part for change in changes for part in ("--set", change)]
-    code = main(["run", "design_fast_gait", "--json", "--no-plots", "-o", str(folder), *sets])
-    return code, json.loads(capsys.readouterr().out)
+FAST = "design_fast_gait"
 
 
 def test_a_run_says_how_many_cycles_fill_the_period(tmp_path: Path, capsys):
     own = "search.sequence=[[0],[2],[1]]"
-    code, told = told_by_a_run(capsys, tmp_path / "o", "gait.period=4.0", own)
+    code, told = told_by_a_run(capsys, FAST, tmp_path, "gait.period=4.0", own)
     scalars = {name: entry["value"] for name, entry in told["scalars"].items()}
     assert (code, told["status"]) == (0, "ok")
     assert scalars["cycles"] == 3
@@ -197,18 +171,18 @@ def test_a_run_says_how_many_cycles_fill_the_period(tmp_path: Path, capsys):
     assert scalars["advance"] == pytest.approx(4 / 3 * scalars["speed"])
     assert told["trust"]["solver"]["cycles"] == 3
     assert sum(told["trust"]["solver"]["durations"]) == pytest.approx(4 / 3)
-    pieces = load_gait(tmp_path / "o").pieces
+    pieces = load_gait(tmp_path).pieces
     assert sum(told["trust"]["solver"]["arcs_per_phase"]) == pieces
 
 
 def test_a_run_with_a_time_limit_says_that_it_was_cut_short(tmp_path: Path, capsys):
     changes = ("worm.links=4", "search.time_limit=1e-6", "search.workers=1")
-    code, told = told_by_a_run(capsys, tmp_path / "o", *changes)
+    code, told = told_by_a_run(capsys, FAST, tmp_path, *changes)
     assert (code, told["status"]) == (0, "ok")
     assert told["trust"]["search"]["ended"] == "time limit"
     assert "time limit" in " ".join(told["trust"]["warnings"])
     assert told["scalars"]["worst_violation"]["value"] <= 1e-9
-    assert (tmp_path / "o" / "summary.json").is_file()
+    assert (tmp_path / "summary.json").is_file()
 
 
 def test_a_gait_of_several_cycles_is_not_above_its_bound():
@@ -256,37 +230,20 @@ JUMPS = {"acceleration": None, "impulses": True}
     ("part", "given", "said"),
     [
         ("worm", {"links": 2.0}, "Worm: links: 2.0 is not allowed; write a whole number from 1 to"),
-        ("worm", {"links": True}, "Worm: links: true is not allowed; write a whole number from 1"),
-        ("worm", {"mass": None}, "Worm: mass: None is not allowed; write a finite number above 0,"),
         ("worm", {"mass": 10**400}, "Worm: mass: 1"),
-        ("worm", {"mass": "2"}, 'Worm: mass: "2" is not allowed; write a finite number above 0,'),
         ("worm", {"mass": [1, 1]}, "Worm: mass: 2 entries for 3 masses; write one number for all"),
         ("worm", {"drag": [0.1]}, "Worm: drag: [0.1] is not allowed; write a finite number, 0 or"),
         ("worm", {"drag": X}, 'Worm: drag: "{x} {0}" is not allowed; write a finite number, 0 or'),
-        ("worm", {"load": None}, "Worm: load: None is not allowed; write a finite number, 0 or"),
-        ("limits", {"resting": 1.5}, "Limits: resting: 1.5 is not allowed; write a whole number,"),
-        ("limits", {"resting": "1"}, 'Limits: resting: "1" is not allowed; write a whole number,'),
-        ("limits", {"resting": 0}, "Limits: resting: 0 is not allowed; write a whole number, 1 or"),
         ("limits", {"resting": 3}, "GaitProblem: limits.resting: 3 resting masses leave a worm of"),
         ("limits", {"length": 0.7}, "Limits: length: 0.7 is not allowed; write [smallest,"),
-        ("limits", {"length": None}, "Limits: length: None is not allowed; write [smallest,"),
         ("limits", {"length": (0.7, X)}, 'Limits: length[1]: "{x} {0}" is not allowed; write'),
-        ("limits", {"period": None}, "Limits: period: None is not allowed; write a finite number"),
-        ("limits", {"period": float("nan")}, "Limits: period: nan is not allowed; write a finite"),
         ("limits", {"rate": X}, 'Limits: rate: "{x} {0}" is not allowed; write a table with'),
         ("limits", {"rate": [1.0, X]}, 'Limits: rate[1]: "{x} {0}" is not allowed; write a table'),
-        ("limits", {"sigma_margin": [1.0]}, "Limits: sigma_margin: [1.0] is not allowed; write a"),
         ("limits", {"sharing": X}, 'Limits: sharing: "{x} {0}" is not allowed; write "equal" or'),
         ("limits", {"acceleration": None}, "GaitProblem: limits.acceleration: missing, so"),
         ("limits", JUMPS | {"spike_load": 20.0}, "GaitProblem: limits.impulses: true, but an"),
-        ("search", {"seed": -1}, "Search: seed: -1 is not allowed; write a whole number from 0 to"),
-        ("search", {"seed": 0.5}, "Search: seed: 0.5 is not allowed; write a whole number from 0"),
         ("search", {"effort": X}, 'Search: effort: "{x} {0}" is not allowed; write "quick",'),
-        ("search", {"phases": "3"}, 'Search: phases: "3" is not allowed; write a whole number'),
-        ("search", {"workers": "2"}, 'Search: workers: "2" is not allowed; write a whole number'),
-        ("search", {"time_limit": [1]}, "Search: time_limit: [1] is not allowed; write a finite"),
         ("search", {"sequence": [0, 1]}, "Search: sequence[0]: 0 is not allowed; write a list of"),
-        ("search", {"sequence": 3}, "Search: sequence: 3 is not allowed; write a list of lists of"),
         ("search", {"sequence": []}, "search.sequence: fewer than two phases; write at least two"),
         ("search", {"sequence": [[0.5], [1]]}, "Search: sequence[0][0]: 0.5 is not allowed; write"),
         ("search", {"sequence": [["0"], [1]]}, 'Search: sequence[0][0]: "0" is not allowed; write'),

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effort import examples
+from g1_worm import G1_LIMITS, G1_WORM
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -26,8 +27,6 @@ from wormopt.systems.spiked.design.sensitivity import (
 from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits, Rates
 
-LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-G1 = Worm(2, load=5.0)
 ORDER = ((0,), (1,), (2,))
 
 
@@ -107,7 +106,7 @@ def test_two_masses_have_a_formula(rate, acceleration, load, mass, period):
 
 def test_where_more_limits_meet_than_need_to_no_single_one_helps():
     """The stroke of a link is just what its rate allows: speed is 0.425 by either."""
-    limits = LIMITS.vary(length=(0.7, 0.7 + 0.425))
+    limits = G1_LIMITS.vary(length=(0.7, 0.7 + 0.425))
     found = design(Worm(1, load=5.0), limits, search=Search(sequence=((0,), (1,)), effort="quick"))
     assert found.speed == pytest.approx(0.425, abs=1e-9)
     known = by_name(sensitivities(found))
@@ -126,7 +125,7 @@ def test_where_more_limits_meet_than_need_to_no_single_one_helps():
 
 @pytest.mark.slow
 def test_g1_solved_again():
-    found = design(G1, LIMITS)
+    found = design(G1_WORM, G1_LIMITS)
     assert_confirmed(found)
     rate = next(limit for limit in limits_of(found.task) if limit.name == "limits.rate")
     again = designed_again(found, rate, 1e-3) - designed_again(found, rate, -1e-3)
@@ -136,13 +135,13 @@ def test_g1_solved_again():
 
 @pytest.mark.slow
 def test_spike_limit_solved_again():
-    assert_confirmed(design(G1, LIMITS.vary(spike_load=27.0)))
+    assert_confirmed(design(G1_WORM, G1_LIMITS.vary(spike_load=27.0)))
 
 
 def test_cost_solved_again():
     """Of a cost, which ways are better is turned round; so is the required speed."""
     search = Search(sequence=((0,), (1,), (0, 1), (1,), (2,)), effort="quick")
-    found = design(G1, LIMITS, "peak_spike_load", 0.75, search)
+    found = design(G1_WORM, G1_LIMITS, "peak_spike_load", 0.75, search)
     assert found.trial is not None
     assert -found.trial.value == pytest.approx(25.434782608695, abs=1e-7)
     assert_confirmed(found)
@@ -153,9 +152,9 @@ def test_cost_solved_again():
 def test_lists_add_up_to_the_one_number():
     """Also where a family of gaits is the best, as here: single multipliers differ by half."""
     search = Search(sequence=ORDER, effort="quick")
-    one = by_name(sensitivities(design(G1, LIMITS, search=search)))
-    each = LIMITS.vary(rate=Rates(1.0, (1.0, 1.0)), acceleration=(20.0, 20.0))
-    worm = G1.vary(mass=(1.0, 1.0, 1.0))
+    one = by_name(sensitivities(design(G1_WORM, G1_LIMITS, search=search)))
+    each = G1_LIMITS.vary(rate=Rates(1.0, (1.0, 1.0)), acceleration=(20.0, 20.0))
+    worm = G1_WORM.vary(mass=(1.0, 1.0, 1.0))
     many = by_name(sensitivities(design(worm, each, search=search)))
     for name, parts in (
         ("limits.acceleration", ["limits.acceleration[0]", "limits.acceleration[1]"]),
@@ -192,8 +191,8 @@ def test_other_units_describe_the_same_worm(seed):
 
 
 def test_names_are_those_of_the_scene_and_each_moves_its_own_number():
-    limits = LIMITS.vary(period=(0.5, 1.0), rate=Rates(1.0, (1.0, 2.0)), spike_load=40.0)
-    task = GaitProblem(G1.vary(load=(4.0, 4.0)), limits)
+    limits = G1_LIMITS.vary(period=(0.5, 1.0), rate=Rates(1.0, (1.0, 2.0)), spike_load=40.0)
+    task = GaitProblem(G1_WORM.vary(load=(4.0, 4.0)), limits)
     moved = {limit.name: limit.moved(1.1 * limit.value) for limit in limits_of(task)}
     assert list(moved) == [
         "limits.period.shortest", "limits.period.longest", "limits.length.shortest",
@@ -236,7 +235,7 @@ def test_a_picture_of_what_smooth_costs_do_not_have_is_left_out(tmp_path, capsys
 
 def test_smooth_costs_have_none():
     search = Search(sequence=((0,), (1,)), effort="quick", workers=1)
-    found = design(Worm(1, load=5.0), LIMITS, "acceleration_effort", 0.3, search)
+    found = design(Worm(1, load=5.0), G1_LIMITS, "acceleration_effort", 0.3, search)
     for verb in (sensitivities, wo.certify):
         with pytest.raises(ArgumentError, match=r"acceleration_effort.*; design for speed, peak"):
             verb(found)
@@ -244,7 +243,7 @@ def test_smooth_costs_have_none():
 
 @pytest.mark.slow
 def test_drag_solved_again():
-    assert_confirmed(design(G1.vary(drag=0.5), LIMITS))
+    assert_confirmed(design(G1_WORM.vary(drag=0.5), G1_LIMITS))
 
 
 @pytest.mark.slow
@@ -284,6 +283,6 @@ def test_random_problems_solved_again(worm: Worm, limits: Limits):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limits", [LIMITS, LIMITS.vary(spike_load=27.0)])
+@pytest.mark.parametrize("limits", [G1_LIMITS, G1_LIMITS.vary(spike_load=27.0)])
 def test_whole_designs_again(limits: Limits):
-    assert_confirmed(design(G1, limits), designed_again)
+    assert_confirmed(design(G1_WORM, limits), designed_again)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from g1_worm import G1_LIMITS, G1_WORM
 
 from wormopt.numerics.bilinear import BilinearProgram, BilinearRows, Climb, Excess
 from wormopt.progress import silent
@@ -13,7 +14,6 @@ from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.search.trial import Trial, Trier
 
-LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 ORDERS = [((0,), (2,)), ((0,), (1,), (2,)), ((0,), (0, 1), (1,), (1, 2), (2,), (0, 2))]
 QUICK = Search(effort="quick", workers=1)
 
@@ -36,7 +36,7 @@ def motion_of(trial: Trial):
 def test_costs_of_a_program_are_those_of_the_crawling_worm(order, cost, drag):
     """The program sums over arcs and masses, `crawl` integrates the power of the gait."""
     worm = Worm(2, mass=(1.0, 2.0, 0.7), load=5.0, drag=drag)
-    trial = Trier(GaitProblem(worm, LIMITS, Objective(cost, 0.5))).free(order)
+    trial = Trier(GaitProblem(worm, G1_LIMITS, Objective(cost, 0.5))).free(order)
     assert trial is not None
     motion = motion_of(trial)
     assert motion.speed >= 0.5 - 1e-9
@@ -48,10 +48,7 @@ def test_costs_of_a_program_are_those_of_the_crawling_worm(order, cost, drag):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "cost", ["energy_per_distance", pytest.param("acceleration_effort", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("cost", ["energy_per_distance", "acceleration_effort"])
 def test_costs_do_not_depend_on_units(cost):
     """Milligrams, millimetres and tens of seconds: the same gait, by another route to the cost."""
     own, found = Search(sequence=((0,), (2,), (1,)), workers=1), []
@@ -70,7 +67,7 @@ def test_costs_do_not_depend_on_units(cost):
 def test_a_motion_with_given_arcs_is_charged_what_it_costs():
     """Half an arc in the wrong direction: the bound counts |force| times rate at both ends."""
     program = GaitProgram(
-        GaitProblem(Worm(1, load=5.0), LIMITS, Objective("energy_per_distance", 0.1)),
+        GaitProblem(Worm(1, load=5.0), G1_LIMITS, Objective("energy_per_distance", 0.1)),
         ((0,), (1,)),
         (1.0, 1.0),
         arcs=2,
@@ -88,11 +85,11 @@ def test_a_motion_with_given_arcs_is_charged_what_it_costs():
 
 
 def test_waves_cost_what_all_their_phases_do():
-    task = GaitProblem(Worm(2, load=5.0), LIMITS, Objective("energy_per_distance", 0.5))
+    task = GaitProblem(G1_WORM, G1_LIMITS, Objective("energy_per_distance", 0.5))
     order = ((2,), (1,), (0,))
     whole = GaitProgram(task, order, (1.0, 1.0), 3)
     wave = WaveProgram(task, order, (1.0, 1.0), 3)
-    fast = WaveProgram(GaitProblem(task.worm, LIMITS), order, (1.0, 1.0), 3)
+    fast = WaveProgram(GaitProblem(task.worm, G1_LIMITS), order, (1.0, 1.0), 3)
     start = fast.start(np.full(3, 1 / 3))
     assert start is not None
     found = wave.moving(*fast.motion(start))
@@ -115,7 +112,7 @@ def test_excess_is_least_where_its_row_says():
 
 def test_slow_gaits_spend_nothing_but_the_work_against_the_load():
     """Net work per distance is 15 for every gait, and a bound on what is spent."""
-    found = design(Worm(2, load=5.0), LIMITS, "energy_per_distance", speed=0.4, search=QUICK)
+    found = design(G1_WORM, G1_LIMITS, "energy_per_distance", speed=0.4, search=QUICK)
     assert energy_of(found) == pytest.approx(15.0, abs=1e-9)
     assert found.speed >= 0.4
     assert max(found.violations.values()) <= 1e-9
@@ -126,7 +123,7 @@ def test_a_search_stopped_while_it_polishes_keeps_what_it_has():
         if text == "solving for the cost":
             raise KeyboardInterrupt
 
-    found = design(Worm(2, load=5.0), LIMITS, "energy_per_distance", 0.6, QUICK, stop)
+    found = design(G1_WORM, G1_LIMITS, "energy_per_distance", 0.6, QUICK, stop)
     assert found.ended == "interrupted"
     assert found.solver["status"] == "cut short"
     assert found.speed >= 0.6 - 1e-9
@@ -135,7 +132,7 @@ def test_a_search_stopped_while_it_polishes_keeps_what_it_has():
 
 def test_what_a_time_limit_leaves_is_a_gait():
     search = Search(time_limit=1e-3, workers=1)
-    found = design(Worm(2, load=5.0), LIMITS, "energy_per_distance", 0.6, search)
+    found = design(G1_WORM, G1_LIMITS, "energy_per_distance", 0.6, search)
     assert found.ended == "time limit"
     assert found.speed >= 0.6 - 1e-9
     assert max(found.violations.values()) <= 1e-9
@@ -144,7 +141,7 @@ def test_what_a_time_limit_leaves_is_a_gait():
 @pytest.mark.slow
 def test_energy_grows_with_the_speed_that_is_required():
     spent = [
-        energy_of(design(Worm(2, load=5.0), LIMITS, "energy_per_distance", speed, QUICK))
+        energy_of(design(G1_WORM, G1_LIMITS, "energy_per_distance", speed, QUICK))
         for speed in (0.6, 0.7, 0.75, 0.8)
     ]
     assert np.all(np.diff(spent) > -1e-9)
@@ -157,7 +154,7 @@ def test_energy_grows_with_the_speed_that_is_required():
 )
 def test_g1_costs_no_more_than_an_independent_search_found(cost, known):
     search = Search(workers=1)
-    found = design(Worm(2, load=5.0), LIMITS, cost, speed=0.7, search=search)
+    found = design(G1_WORM, G1_LIMITS, cost, speed=0.7, search=search)
     value = energy_of(found) if cost == "energy_per_distance" else found.motion.effort
     assert value <= known
     assert max(found.violations.values()) <= 1e-9

@@ -20,11 +20,7 @@ from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.swinging.prescribed import harmonic_masses, imbalance, steady_masses
-from wormopt.systems.swinging.steady import (
-    Runner,
-    SlowVelocity,
-    measured,
-)
+from wormopt.systems.swinging.steady import Runner, SlowVelocity, measured
 
 WEAK = Stribeck(0.001, 0.001, stick_forward=0.03, stick_backward=0.03, v_stribeck=0.8)
 
@@ -32,9 +28,6 @@ WEAK = Stribeck(0.001, 0.001, stick_forward=0.03, stick_backward=0.03, v_stribec
 def slow_of(model: Any, order: Any = 1, nodes: int = 16) -> SlowVelocity:
     frequency = next(signal.symbol for signal in model.p if signal.name == "frequency")
     return SlowVelocity(model, 2 * np.pi / frequency, order, nodes)
-
-
-# -- the builder -----------------------------------------------------------------------------------
 
 
 def test_displacements_are_integrals_of_the_velocities():
@@ -120,9 +113,6 @@ def test_what_is_left_of_the_momentum():
     assert left.tolist() == [[4.0, 1.5], [2.0, 4.0]]
 
 
-# -- the closed form -------------------------------------------------------------------------------
-
-
 def phasors(draw: Any) -> np.ndarray:
     count = draw(st.integers(2, 5))
     part = st.floats(-1, 1)
@@ -184,8 +174,6 @@ def test_closed_forms_that_are_not_there_are_refused(amplitude: Any, law: Any, m
         steady_masses(amplitude, law)
 
 
-# -- averages by quadrature ------------------------------------------------------------------------
-
 COSINES = np.array([[1.0, 0.3, 0.2], [-0.2, -0.5, 0.1], [-0.8, 0.2, -0.3]])
 
 SINES = np.array([[0.1, 0.4, -0.2], [0.6, -0.1, 0.5], [-0.7, -0.3, -0.3]])
@@ -211,9 +199,6 @@ def test_mean_forces_of_several_harmonics_by_quadrature(laws: list[Law], nodes: 
             mean_force(law, V, c, s) for law, c, s in zip(laws, COSINES, SINES, strict=True)
         )
         assert 3 * slow.rate(V) == pytest.approx(expected, rel=0, abs=bound)
-
-
-# -- orders ----------------------------------------------------------------------------------------
 
 
 def errors(cosines: Any, sines: Any, sizes: Sequence[float]) -> dict[Any, list[float]]:
@@ -259,9 +244,6 @@ def test_of_equal_swings_the_first_order_is_as_good_as_the_second():
     assert found[1] == pytest.approx(found[2], abs=1e-13)
     assert orders(found[1], sizes) == pytest.approx(2.0, abs=0.02)
     assert found[1][-1] < 0.01 * sizes[-1] ** 2
-
-
-# -- the exact motion by hand ----------------------------------------------------------------------
 
 
 def by_hand(cosines: np.ndarray, sines: np.ndarray, law: Any, V: float) -> tuple[float, float]:

@@ -58,7 +58,7 @@ with on_use():
     from wormopt.control.loop import gait_reference, with_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
-    from wormopt.numerics.workers import Workers
+    from wormopt.numerics.workers import each
     from wormopt.ocp.optimise import Optimum
     from wormopt.systems.chain.controllers import (
         Controller,
@@ -374,12 +374,9 @@ class CompareTracking(Study, kind="compare-tracking"):
         """
         several = range(len(self.gaits))
         jobs = [(n, k) for k in several for n in reversed(names) if not k or n != CRAWL]
-        made: dict[tuple[str, int], T] = {}
-        with Workers(self.workers) as workers:
-            todo = [(name, self.gaits[k], draws[k]) for name, k in jobs]
-            for job, found in zip(jobs, workers.map(work, todo), strict=True):
-                made[job] = found
-                self.report(f"computed: {job[0]}", len(made) / len(jobs))
+        todo = [(name, self.gaits[k], draws[k]) for name, k in jobs]
+        done = each(work, todo, self.report, "computed", self.workers)
+        made = {jobs[place]: found for place, found in done}
         return [{n: made[n, 0 if n == CRAWL else k] for n in names} for k in several]
 
     # -- controllers -------------------------------------------------------------------------------

@@ -70,12 +70,9 @@ class Drawn:
     @classmethod
     def of(cls, numbers: Sequence[Mapping[str, float | None] | None]) -> Drawn:
         """Collect the quantities of each plant, None where its simulation failed."""
-
-        def column(name: str) -> np.ndarray:
-            values = (None if n is None else n[name] for n in numbers)
-            return np.array([np.nan if v is None else v for v in values], dtype=float)
-
-        return cls({name: column(name) for name in JUDGED}, sum(n is None for n in numbers))
+        columns = {name: [n and n[name] for n in numbers] for name in JUDGED}  # None becomes NaN
+        values = {name: np.array(column, dtype=float) for name, column in columns.items()}
+        return cls(values, sum(n is None for n in numbers))
 
     def first(self, count: int) -> Drawn:
         """The first plants only."""

@@ -262,7 +262,7 @@ class Simulate(Study, kind="simulate"):
     def _driven(self, worm: ChainTable) -> Model:
         start, actuation = self.start or Start(), self.actuation
         rest = np.array(per(worm.rest_length, worm.links))
-        gait, shift = self._command(rest)
+        gait, shift = self.command(rest)
         period = gait.period if gait else self.time.end
         links = draw_links(worm, self.time.end)
         model = build_chain(worm, start, links, float(rest.mean()) or 1.0, period)
@@ -281,7 +281,7 @@ class Simulate(Study, kind="simulate"):
         kept = [o for o in closed.outputs if o.name not in ("reference", "error", "error_norm")]
         return replace(closed, outputs=[*kept, Output("command", command.value, "length")])
 
-    def _command(self, rest: np.ndarray) -> tuple[Gait | None, float]:
+    def command(self, rest: np.ndarray) -> tuple[Gait | None, float]:
         """Commanded rest lengths, and their time shift."""
         actuation = self.actuation
         if isinstance(actuation, CommandedGait):

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-import os
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
-from pathlib import Path
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
-import msgspec
 from msgspec import Meta, structs
 
 from wormopt.errors import Fault, Interrupted, SolveError
 from wormopt.progress import Report
+from wormopt.quantities import Scalar
 from wormopt.result import Check, Result
 from wormopt.study import (
     Given,
@@ -46,8 +41,9 @@ with on_use():
     import numpy as np
 
     from wormopt.analysis.vibration import VibrationModes, vibration_modes
+    from wormopt.families.points import Point, points
+    from wormopt.families.store import Store, checkpoints, key_of
     from wormopt.numerics.direct_search import Look, compass
-    from wormopt.numerics.workers import Workers
     from wormopt.systems.channel.closed_forms import (
         SHAPES,
         ChannelWorm,
@@ -60,8 +56,6 @@ with on_use():
         checks_of_motion,
     )
     from wormopt.systems.channel.rod_model import channel_rod
-    from wormopt.systems.shared.checkpoints import checkpoints, keep
-    from wormopt.systems.shared.checkpoints import forget as forget_file
 
 Doubtful = Literal[
     "youngs_modulus",
@@ -273,8 +267,8 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     scalars `assumed_…`.
 
     Motions run in parallel on all cores. Each is saved when it ends, so a stopped run resumes, also
-    at other frequencies. Until the run ends they are in `checkpoints/rods-…` of the user's cache
-    folder (`~/.cache/wormopt` on Linux). A version of the code that computes differently starts
+    at other frequencies. Until the run ends they are in `checkpoints` of the user's cache folder
+    (`~/.cache/wormopt` on Linux). A version of the code that computes differently starts
     again. The status is `failed` if a motion fails; the report names it.
     """
 
@@ -321,11 +315,6 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
         )  # fmt: skip
 
     @cached_property
-    def saved(self) -> Path:
-        """Folder of the saved motions."""
-        return checkpoints("rods", RodMotion.__module__)
-
-    @cached_property
     def simulated(self) -> list[RodMotion]:
         """All motions that were simulated so far."""
         return []
@@ -333,12 +322,12 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     def simulate(self, motions: Sequence[RodMotion], text: str) -> list[RodPoint]:
         """Simulate several motions, or read them back; `text` names the purpose."""
         self.simulated.extend(motions)
-        return rod_points(motions, self.saved, self.report, text)
+        return rod_points(motions, checkpoints(), self.report, text)
 
     def result(self, report: Report | None = None) -> Result:
         """Compute all that the study reports, see `Study`; then saved motions are not needed."""
         found = super().result(report)
-        forget(self.simulated, self.saved)
+        checkpoints().forget(map(key_of, self.simulated))
         return found
 
     @stage
@@ -645,54 +634,30 @@ def _changes(own: Sensitivity, factors: np.ndarray, points: list[RodPoint]) -> C
 
 
 def rod_points(
-    motions: Sequence[RodMotion], folder: Path, report: Report, text: str
+    motions: Sequence[RodMotion], store: Store, report: Report, text: str
 ) -> list[RodPoint]:
-    """Simulate several rods on all cores, in the order of `motions`; `text` names the purpose.
+    """Simulate several rods in parallel, or read them from the store; `text` names the purpose.
 
-    Motions in `folder` are reused and new ones saved there. Interrupted has the finished ones.
+    Interrupted has the finished ones.
     """
-    found = {motion: point for motion in motions if (point := kept(motion, folder))}
-    # the slowest switching takes longest
-    todo = sorted(
-        dict.fromkeys(motion for motion in motions if motion not in found),
-        key=lambda motion: motion.switching.frequency,
-    )
-    if todo:
-        report(text, len(found) / (len(found) + len(todo)))
-    work = partial(_simulate_and_keep, folder=folder)
     try:
-        with Workers(min(len(todo), os.cpu_count() or 1) or 1) as workers:
-            for k, point in workers.as_completed(work, todo):
-                found[todo[k]] = point
-                report(text, len(found) / len(set(motions)))
-    except KeyboardInterrupt:
-        raise Interrupted([found[motion] for motion in motions if motion in found]) from None
-    return [found[motion] for motion in motions]
+        return _told(motions, points(motions, rod_result, store, report, f"{text}: "))
+    except Interrupted as stop:
+        raise Interrupted(_told(motions, stop.partial)) from None
 
 
-def kept(motion: RodMotion, folder: Path) -> RodPoint | None:
-    """Return the results of a motion from `folder`; None if missing or damaged."""
-    with suppress(OSError, ValueError, TypeError):
-        return RodPoint(**json.loads(_file(motion, folder).read_text(encoding="utf-8")))
-    return None
+def _told(motions: Sequence[RodMotion], found: Sequence[Point]) -> list[RodPoint]:
+    return [
+        RodPoint.lost(motion.switching.frequency, point.reason)
+        if point.is_poor
+        else RodPoint(**{name: scalar.value for name, scalar in point.scalars.items()})
+        for motion, point in zip(motions, found, strict=True)
+        if point.status != "not computed"
+    ]
 
 
-def forget(motions: Sequence[RodMotion], folder: Path) -> None:
-    """Remove saved motions from `folder`, because a result has them now."""
-    for motion in motions:
-        forget_file(_file(motion, folder))
-
-
-def _file(motion: RodMotion, folder: Path) -> Path:
-    text = msgspec.json.encode(motion, order="deterministic")
-    return folder / f"{hashlib.sha256(text).hexdigest()[:32]}.json"
-
-
-def _simulate_and_keep(motion: RodMotion, folder: Path) -> RodPoint:
-    try:
-        point = structs.replace(motion).point  # of a copy, which keeps no states
-    except SolveError as lost:
-        point = RodPoint.lost(motion.switching.frequency, str(lost))
-    # Python's JSON supports NaN, which failed motions contain
-    keep(_file(motion, folder), json.dumps(asdict(point)).encode())
-    return point
+def rod_result(motion: RodMotion) -> Result:
+    """Simulate a rod; its result is kept with a `RodPoint` for scalars, and nothing else."""
+    point = structs.replace(motion).point  # of a copy, which keeps no states
+    scalars = {name: Scalar(number) for name, number in asdict(point).items()}
+    return Result(motion.name, motion.kind, scalars=scalars)

@@ -6,7 +6,6 @@ The scene is computed for every measurement; derivatives are differences of para
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.numerics.workers import Workers
+from wormopt.families.points import Point
+from wormopt.numerics.workers import each
 from wormopt.progress import Report, silent
 from wormopt.study.scene import Scene, load_scene
 from wormopt.systems.recorded.tables import KeyUnknown, Measured, value_at
@@ -160,37 +160,24 @@ class NumbersTask:
         """Compute the scene for all measurements, in parallel for several choices of parameters."""
         new = {t.tobytes(): t for t in map(np.ascontiguousarray, thetas)}
         new = {key: t for key, t in new.items() if key not in self.known}
-        changes = list({repr(one.changes): one.changes for one in self.measured}.values())
-        jobs = [
-            (self.scene, self._overrides(theta) | change)
-            for theta in new.values()
-            for change in changes
-        ]
-        results = self._computed(jobs)
-        for k, key in enumerate(new):
-            own = dict(zip(map(repr, changes), results[k * len(changes) :], strict=False))
-            values = [own[repr(one.changes)][0].get(one.scalar, math.nan) for one in self.measured]
-            reasons = tuple(reason for _, reason in own.values() if reason)
-            self.known[key] = Looked(np.array(values, dtype=float), reasons)
+        jobs = {
+            (key, repr(one.changes)): (self.scene, self._overrides(theta) | one.changes)
+            for key, theta in new.items()
+            for one in self.measured
+        }
+        places = list(jobs)
+        done = each(_compute, list(jobs.values()), self.report, "runs")
+        found = {places[k]: point for k, point in done}
+        self.runs += len(jobs)
+        for key in new:
+            values = [_number(found[key, repr(one.changes)], one.scalar) for one in self.measured]
+            failed = [p for at, p in found.items() if at[0] == key and p.status == "failed"]
+            self.known[key] = Looked(np.array(values), tuple(point.reason for point in failed))
         return [self.known[np.ascontiguousarray(theta).tobytes()] for theta in thetas]
 
     def _overrides(self, theta: np.ndarray) -> dict[str, float]:
         numbers = zip(self.unknowns, self.values(theta).tolist(), strict=True)
         return {key: value for unknown, value in numbers for key in unknown.keys}
-
-    def _computed(self, jobs: Sequence[_Job]) -> list[_Answer]:
-        found: dict[int, _Answer] = {}
-        with Workers(min(len(jobs), os.cpu_count() or 1) or 1) as workers:
-            for k, answer in workers.as_completed(_compute, jobs):
-                found[k] = answer
-                self.report(f"run {self.runs + len(found)}", len(found) / len(jobs))
-        self.runs += len(jobs)
-        return [found[k] for k in range(len(jobs))]
-
-
-_Job = tuple[Scene[Any], dict[str, Any]]
-_Answer = tuple[dict[str, float], str]
-"""Scalars by name, and the reason if the run failed."""
 
 
 def _begun(scene: Scene[Any], unknown: KeyUnknown) -> float:
@@ -198,16 +185,14 @@ def _begun(scene: Scene[Any], unknown: KeyUnknown) -> float:
     return float(value_at(scene, unknown.keys[0]) if start is None else np.ravel(start)[0])
 
 
-def _compute(job: _Job) -> _Answer:
+def _compute(job: tuple[Scene[Any], dict[str, Any]]) -> Point:
     scene, changes = job
     try:
-        changed = load_scene(scene, changes)
-        result = changed.table.result(silent)
+        return Point.of("", load_scene(scene, changes).table.result(silent))
     except (SolveError, SceneError, ArgumentError) as error:
-        return {}, str(error)
-    numbers = {
-        name: float(scalar.value)
-        for name, scalar in result.scalars.items()
-        if isinstance(scalar.value, int | float)
-    }
-    return numbers, result.reason if result.status == "failed" else ""
+        return Point("failed", str(error))
+
+
+def _number(point: Point, name: str) -> float:
+    value = point.scalars[name].value if name in point.scalars else None
+    return float(value) if isinstance(value, int | float) else math.nan

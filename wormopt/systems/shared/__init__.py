@@ -1,1 +1,1 @@
-"""Code common to the runs of several systems: signals, trust reports, checkpoints."""
+"""Code common to the runs of several systems: signals, trust reports."""

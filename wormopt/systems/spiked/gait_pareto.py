@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import Any, ClassVar, Literal
 
-from wormopt.errors import Fault, Interrupted, SolveError
+from wormopt.errors import Fault, SolveError
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
@@ -36,7 +34,7 @@ from wormopt.systems.spiked.motion import DESIGN_SCALARS, MOTION_VARIABLES
 with on_use():
     import numpy as np
 
-    from wormopt.systems.shared.checkpoints import checkpoints
+    from wormopt.families.store import checkpoints, key_of
     from wormopt.systems.shared.sequences import Sequence_, canonical
     from wormopt.systems.spiked.design.design import Design, objective_of
     from wormopt.systems.spiked.design.optimize import designed
@@ -209,30 +207,31 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
             shares = [0.99, *(k / (total - 1) for k in range(total - 2, 0, -1))]
             for k, share in zip(range(total - 1, 0, -1), shares, strict=True):
                 speed = share * points[0].speed
-                try:
-                    points.append(self._point(k, speed, [points[-1].sequence]))
-                except SolveError as error:
-                    lost.append(f"no gait at speed {speed:.6g}: {error}")
+                point = self._point(k, speed, [points[-1].sequence])
+                if point.result.scalars:
+                    points.append(point)
+                else:
+                    lost.append(f"no gait at speed {speed:.6g}: {point.result.reason}")
         except KeyboardInterrupt:
             if not points:
                 raise
             reason = f"interrupted after {len(points)} of {total} points; run again to continue"
         else:
             reason = ""
-            shutil.rmtree(self._kept, ignore_errors=True)
+            checkpoints().forget(map(self._key, range(1, total + 1)))
         return Points(sorted(points, key=lambda point: point.speed), lost, reason)
 
-    @property
-    def _kept(self) -> Path:
-        """Folder of the points of an unfinished front."""
-        return checkpoints("fronts", __name__) / self.scene.key
+    def _key(self, index: int) -> str:
+        return key_of(self, f"point {index}")
 
     def _point(self, index: int, speed: float | None, hints: list[Sequence_]) -> Point:
         """Design one gait, or read it back from an earlier run of the same scene."""
+        work = partial(self._designed, index, speed, hints)
+        found = checkpoints().result(self._key(index), work)
+        return Point(found, COST_SCALARS[self.pareto.against])
+
+    def _designed(self, index: int, speed: float | None, hints: list[Sequence_]) -> Result:
         against, total = self.pareto.against, self.pareto.points
-        name, folder = COST_SCALARS[against], self._kept / f"point_{index}"
-        with suppress(OSError, ValueError):  # not there, or damaged: design it again
-            return Point(Result.load(folder), name)
 
         def report(text: str, fraction: float | None) -> None:
             done = total - index
@@ -244,18 +243,19 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
         try:
             found = designed(self.task(goal), self.search, report, hints)
         except SolveError as error:
-            raise with_keys(error, self) from None
+            reason = with_keys(error, self)
+            if speed is None:
+                raise reason from None
+            return Result(self.name, self.kind, status="failed", reason=str(reason))
         if found.ended == "interrupted":
             raise KeyboardInterrupt
         known = of_design(self, found)
-        scalars = known.scalars | {name: objective_of(found.motion, against)}
-        result = self.concluded(
+        scalars = known.scalars | {COST_SCALARS[against]: objective_of(found.motion, against)}
+        return self.concluded(
             {name: self.with_unit(name, value) for name, value in scalars.items()},
             [self.variable(name, values) for name, values in known.variables.items()],
             known.checks, known.warnings, known.facts, {"binding": _binding(found)},
         )  # fmt: skip
-        _keep(result, folder)
-        return Point(result, name)
 
     def stopped(self) -> str:
         """Why the front is not complete."""
@@ -316,22 +316,8 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
 
     def result(self, report: Report | None = None) -> Result:
         """Compute all that the study reports; an interrupted front continues when run again."""
-        try:
-            found = super().result(report)
-        except Interrupted:
-            self.forget()
-            raise
+        found = super().result(report)
         return found if self.whole_front.front_points else found.failed(_NONE_COUNTS)
-
-
-def _keep(result: Result, folder: Path) -> None:
-    """Save a point in a folder that has its name only once it is complete."""
-    unfinished = folder.with_suffix(".part")
-    shutil.rmtree(unfinished, ignore_errors=True)
-    unfinished.mkdir(parents=True)
-    result.save(unfinished)
-    shutil.rmtree(folder, ignore_errors=True)
-    unfinished.rename(folder)
 
 
 def _binding(found: Design) -> str:

@@ -16,6 +16,7 @@ from collections import Counter
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import hypothesis.strategies as st
 import numpy as np
@@ -26,14 +27,16 @@ from places import PROBLEMS
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.cli.common import print_result
+from wormopt.families import store
+from wormopt.families.axes import plan
+from wormopt.families.gathered import as_csv
+from wormopt.families.points import Job, compute
+from wormopt.families.store import Store, key_of
 from wormopt.kinds import KINDS
 from wormopt.numerics.workers import Engine
 from wormopt.study import load_scene
 from wormopt.study.reference import quantity_of
 from wormopt.study.swept import Swept
-from wormopt.sweeps.axes import plan
-from wormopt.sweeps.gathered import as_csv
-from wormopt.sweeps.store import Job, code_of, compute, key_of
 
 SERIAL = Engine("serial")
 
@@ -237,8 +240,8 @@ def computed(store: Path) -> Counter:
     return Counter(line.split()[3] for line in lines)
 
 
-def job_of(scene: wo.Scene, store: Path) -> Job:
-    return Job(scene, store / f"{key_of(scene)}.nc", "results", "one", code_of(scene))
+def job_of(scene: wo.Scene, folder: Path) -> Job:
+    return Job(scene.table, key_of(scene.table), type(scene.table).result, Store(folder), "one")
 
 
 def test_what_is_known_is_not_computed_again(tmp_path: Path):
@@ -278,10 +281,10 @@ def test_a_point_hangs_on_the_files_that_it_names(tmp_path: Path):
     scene = tmp_path / "mine.toml"
     text = 'schema = 1\nkind = "gait"\n[worm]\nlinks = 2\nmass = 1.0\nload = 5.0\n[gait]\n'
     scene.write_text(f'{text}shape = "file"\nfile = "gait.csv"\nperiod = 1.0\n')
-    before = key_of(load_scene(scene))
-    assert key_of(load_scene(scene)) == before
+    before = key_of(load_scene(scene).table)
+    assert key_of(load_scene(scene).table) == before
     wo.fast_gait(2.0).to_csv(tmp_path / "gait.csv", samples=101)
-    assert key_of(load_scene(scene)) != before
+    assert key_of(load_scene(scene).table) != before
 
 
 def test_who_finds_a_point_in_hand_leaves_it(tmp_path: Path):
@@ -289,8 +292,8 @@ def test_who_finds_a_point_in_hand_leaves_it(tmp_path: Path):
 
     scene = load_scene("fast_gait")
     job = job_of(scene, tmp_path)
-    with FileLock(job.file.with_suffix(".lock")):
-        script = "import pickle, sys; from wormopt.sweeps.store import compute;" + (
+    with FileLock(job.store.file(job.key).with_suffix(".lock")):
+        script = "import pickle, sys; from wormopt.families.points import compute;" + (
             "print(compute(pickle.load(sys.stdin.buffer)))"
         )
         done = subprocess.run(
@@ -306,7 +309,7 @@ def test_who_finds_a_point_in_hand_leaves_it(tmp_path: Path):
 def test_a_point_at_which_processes_die_is_given_up(tmp_path: Path):
     scene = load_scene("fast_gait")
     job = job_of(scene, tmp_path)
-    tries = job.file.with_suffix(".tries")
+    tries = job.store.file(job.key).with_suffix(".tries")
     tries.write_text("another\n" * 9 + "one\n" * 3)
     record = compute(job)
     assert record is not None
@@ -342,12 +345,15 @@ def looks_at_pictures(file: Path) -> bool:
 
 def test_other_pictures_make_no_other_point():
     scene = load_scene("fig13_magnetic_pair", "want=[]")
-    assert key_of(load_scene("fig13_magnetic_pair")) == key_of(scene)
-    assert key_of(load_scene("fast_gait")) != key_of(load_scene("fast_gait", "want=[]"))
+    assert key_of(load_scene("fig13_magnetic_pair").table) == key_of(scene.table)
+    other = load_scene("fast_gait", "want=[]")
+    assert key_of(load_scene("fast_gait").table) != key_of(other.table)
 
 
-def test_a_worker_with_other_code_says_so(tmp_path: Path):
-    record = compute(replace(job_of(load_scene("fast_gait"), tmp_path), code="another"))
+def test_a_worker_with_other_code_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    job = job_of(load_scene("fast_gait"), tmp_path)
+    monkeypatch.setattr(store, "code_key", lambda _: "another")
+    record = compute(job)
     assert record is not None
     assert (record.status, "another version of wormopt" in record.reason) == ("failed", True)
     assert not list(tmp_path.glob("*.nc"))
@@ -414,8 +420,12 @@ def test_a_model_of_ones_own_that_changes_is_computed_again(tmp_path: Path):
 
 def test_a_file_that_changes_meanwhile_spoils_no_store(tmp_path: Path):
     scene = own_model(tmp_path, CRASHING)
-    job = replace(job_of(load_scene(scene), tmp_path), file=tmp_path / "of-other-content.nc")
-    record = compute(job)
+
+    def changing(study: Any) -> wo.Result:
+        (tmp_path / "own.py").write_text(CRASHING + "# more\n")
+        return study.result()
+
+    record = compute(replace(job_of(load_scene(scene), tmp_path), work=changing))
     assert record is not None
     assert (record.status, "changed meanwhile" in record.reason) == ("failed", True)
     assert not list(tmp_path.glob("*.nc"))
@@ -513,10 +523,10 @@ def test_a_scene_may_say_its_sweep(tmp_path: Path, capsys: pytest.CaptureFixture
     assert load_scene(scene).key == load_scene("fast_gait").key
 
 
-def started(store: Path, engine: list[str], over: list[str]) -> subprocess.Popen:
+def started(folder: Path, engine: list[str], over: list[str]) -> subprocess.Popen:
     command = [*COMMAND, "fast_gait", *over, "--quiet", "--no-plots", *engine]
     return subprocess.Popen(
-        [*command, "-o", str(store.parent / "out"), "--store", str(store)],
+        [*command, "-o", str(folder.parent / "out"), "--store", str(folder)],
         start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, get_args
 import msgspec
 import numpy as np
 
+from wormopt.families.axes import Plan, dim_of
+from wormopt.families.points import Point, Status
 from wormopt.labelled import optional
 from wormopt.quantities import Scalar, Variable, has_unit, to_number, unit_of
 from wormopt.result import Result
 from wormopt.study import Scene
 from wormopt.study.reference import quantity_of
-from wormopt.sweeps.axes import Plan, dim_of
-from wormopt.sweeps.store import Record, Status
 
 if TYPE_CHECKING:
     import pandas
@@ -38,37 +38,36 @@ def gathered(
     base: Scene[Any],
     asked: Plan,
     tables: Sequence[Any],
-    records: Sequence[Record],
-    files: Sequence[str | None],
-    computed: int,
+    points: Sequence[Point],
+    in_files: bool,
 ) -> Result:
     """Make the Result of a sweep: numbers over the dimensions of the plan, the rest in lists."""
     axes = {dim_of(key): _axis(key, asked, tables, base) for key in asked.keys}
     units = base.table.units
     found = [
         *_coordinates(asked, axes, base),
-        Variable("status", "1", asked.dims, _shaped([STATUS.index(r.status) for r in records],
+        Variable("status", "1", asked.dims, _shaped([STATUS.index(p.status) for p in points],
                  asked), "0 ok, 1 failed, 2 refused, 3 not computed, 4 unchecked"),
-        Variable("seconds", "s", asked.dims, _shaped([r.seconds for r in records], asked),
+        Variable("seconds", "s", asked.dims, _shaped([p.seconds for p in points], asked),
                  "time that it took"),
     ]  # fmt: skip
     table = base.table
     # requested results first
     first = {name: table.scalars[name] for name in table.headline if name in table.scalars}
-    arrays, lists = _scalars(records, asked, first | dict(table.scalars))
-    counts = Counter(record.status for record in records)
+    arrays, lists = _scalars(points, asked, first | dict(table.scalars))
+    counts = Counter(point.status for point in points)
     return Result(
         base.name,
         "sweep",
         base.title,
         scalars={
-            "points": Scalar(len(records)),
+            "points": Scalar(len(points)),
             **{name.replace(" ", "_"): Scalar(counts[name]) for name in STATUS},
-            "computed_now": Scalar(computed),
-            "time_of_all": Scalar(sum(record.seconds for record in records), "s"),
+            "computed_now": Scalar(len({p.key for p in points if p.is_new})),
+            "time_of_all": Scalar(sum(point.seconds for point in points), "s"),
         },
         variables=(*found, *arrays),
-        trust=_trust(records),
+        trust=_trust(points),
         scene_text=json.dumps(
             {**json.loads(base.text), "sweep": msgspec.to_builtins(base.sweep)}, ensure_ascii=False
         ),
@@ -81,8 +80,8 @@ def gathered(
             ],
             "numbers": [v.name for v in arrays if v.dims == asked.dims],
             "series": [v.name for v in arrays if v.dims[:-1] == asked.dims],
-            "points": list(files),
-            "reasons": [record.reason for record in records],
+            "points": [f"{p.key}.nc" if p.key and in_files else None for p in points],
+            "reasons": [point.reason for point in points],
             "lists": lists,
         },
     )
@@ -135,15 +134,15 @@ def _coordinates(
 
 
 def _scalars(
-    records: Sequence[Record], asked: Plan, declared: Mapping[str, tuple[str, str]]
+    points: Sequence[Point], asked: Plan, declared: Mapping[str, tuple[str, str]]
 ) -> tuple[list[Variable], dict[str, list[Any]]]:
     """Numbers and lists of equal lengths as arrays; others unchanged."""
-    names = dict.fromkeys(n for n in declared if any(n in r.scalars for r in records))
-    names |= dict.fromkeys(name for record in records for name in record.scalars)
+    names = dict.fromkeys(n for n in declared if any(n in p.scalars for p in points))
+    names |= dict.fromkeys(name for point in points for name in point.scalars)
     arrays, lists = [], {}
     for name in names:
-        values = [r.scalars[name].value if name in r.scalars else None for r in records]
-        unit = next(r.scalars[name].unit for r in records if name in r.scalars)
+        values = [p.scalars[name].value if name in p.scalars else None for p in points]
+        unit = next(p.scalars[name].unit for p in points if name in p.scalars)
         array = _array(values)
         if array is None:
             lists[name] = values
@@ -185,13 +184,13 @@ def _alike(reasons: Iterable[str]) -> Counter[str]:
     return Counter({(g[0] if len(set(g)) == 1 else text): len(g) for text, g in found.items()})
 
 
-def _trust(records: Sequence[Record]) -> dict[str, Any]:
+def _trust(points: Sequence[Point]) -> dict[str, Any]:
     """Messages with numbers of points."""
-    checks = [r.trust.get("checks", {}) for r in records]
+    checks = [p.trust.get("checks", {}) for p in points]
     poor = Counter(name for found in checks for name, c in found.items() if not c["passed"])
-    warned = Counter(text for r in records for text in r.trust.get("warnings", ()))
+    warned = Counter(text for p in points for text in p.trust.get("warnings", ()))
     return {
-        "reasons": dict(_alike(r.reason for r in records if r.reason).most_common(_MOST)),
+        "reasons": dict(_alike(p.reason for p in points if p.reason).most_common(_MOST)),
         "checks_failed": dict(poor.most_common(_MOST)),
         "warnings": [
             text if count == 1 else f"{text} ({count} points)"

@@ -1,12 +1,11 @@
-"""Checkpoints belong to the code that computes, not to how it is explained."""
+"""Stored points belong to the code that computes, not to how it is explained."""
 
 from pathlib import Path
 
-import pytest
+from hints import Patch
 
 from wormopt import fingerprint as kept
 from wormopt.fingerprint import code_key, fingerprint
-from wormopt.systems.shared.checkpoints import checkpoints
 
 ROD = "wormopt.systems.channel.rod_motion"
 SOURCE = '''"""A module."""
@@ -44,27 +43,25 @@ def test_what_computes_counts_and_what_shows_does_not():
         assert not [name for name in found if room in name.split(".")]
 
 
-def test_folders_differ_by_work_and_by_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    assert checkpoints("rods", ROD) == checkpoints("rods", ROD)
-    assert checkpoints("rods", ROD) != checkpoints("others", ROD)
+def test_keys_differ_by_code(tmp_path: Path, monkeypatch: Patch):
     root = tmp_path / "wormopt"
     root.mkdir()
     texts = {"maker": "from wormopt import helper", "helper": "A = 1  # one", "other": "B = 1"}
 
-    def folder(**changed: str) -> Path:
+    def key(**changed: str) -> str:
         for name, text in (texts | changed).items():
             (root / f"{name}.py").write_text(text)
         code_key.cache_clear()
         kept._files.cache_clear()
-        return checkpoints("work", "wormopt.maker")
+        return code_key("wormopt.maker")
 
     monkeypatch.setattr(kept, "_ROOT", root)
-    plain = folder()
-    assert folder(helper='"""One."""\nA = 1', other="B = 2") == plain
-    assert folder(helper="A = 2") != plain
-    assert folder(maker="from wormopt import helper, other") != plain
+    plain = key()
+    assert key(helper='"""One."""\nA = 1', other="B = 2") == plain
+    assert key(helper="A = 2") != plain
+    assert key(maker="from wormopt import helper, other") != plain
     monkeypatch.setattr(kept, "_FORM", kept._FORM + 1)
-    assert folder() != plain
+    assert key() != plain
     code_key.cache_clear()
     kept._files.cache_clear()
 

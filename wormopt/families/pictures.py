@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from wormopt.families.gathered import NUMBERED, as_typed, everywhere
 from wormopt.pictures.page import Page, Panel, edges
 from wormopt.pictures.style import GREY, LINKS, RED, label, line, narrow
 from wormopt.result import Result
-from wormopt.sweeps.gathered import NUMBERED, as_typed, everywhere
 
 # Number of results shown by default.
 _MOST = 4

@@ -9,6 +9,7 @@ import pytest
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
+from wormopt.families.store import Store
 from wormopt.pictures import figure
 from wormopt.result import Result, Variable
 from wormopt.systems.spiked import gait_pareto
@@ -25,7 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     at = tmp_path_factory.mktemp("front")
     sets = [part for change in CHANGES for part in ("--set", change)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gait_pareto, "checkpoints", lambda *_: at / "kept")
+        patch.setattr(gait_pareto, "checkpoints", lambda: Store(at / "kept"))
         assert main(["run", "pareto_speed_load", "-o", str(at / "o"), "--quiet", *sets]) == 0
     return at / "o"
 

@@ -13,15 +13,16 @@ import numpy as np
 
 from wormopt.study.swept import RANGE, Swept
 
-Point = Mapping[str, Any]
+Place = Mapping[str, Any]
 """Key -> value as in a scene."""
+_JOINED: dict[str, Any] = {"grid": itertools.product, "zip": zip}
 
 
 @dataclass(frozen=True)
 class Plan:
     """Points of a sweep in the order of their dimensions, the last one fastest."""
 
-    points: tuple[Point, ...]
+    points: tuple[Place, ...]
     keys: tuple[str, ...]
     shape: tuple[int, ...]  # one number per key of a grid, else the number of points
 
@@ -44,17 +45,11 @@ def dim_of(key: str) -> str:
 
 def plan(table: Swept) -> Plan:
     """Points of a valid table."""
+    axes = [] if table.drawn else [_values(values) for values in table.over.values()]
+    rows = _drawn(table) if table.drawn else _JOINED[table.method](*axes)
     keys = tuple(table.over)
-    if table.drawn:
-        rows = _drawn(table)
-        return Plan(tuple(dict(zip(keys, row, strict=True)) for row in rows), keys, (len(rows),))
-    axes = [_values(values) for values in table.over.values()]
-    if table.method == "zip":
-        rows = list(zip(*axes, strict=False))
-        return Plan(tuple(dict(zip(keys, row, strict=True)) for row in rows), keys, (len(rows),))
-    rows = itertools.product(*axes)
-    shape = tuple(map(len, axes))
-    return Plan(tuple(dict(zip(keys, row, strict=True)) for row in rows), keys, shape)
+    places = tuple(dict(zip(keys, row, strict=True)) for row in rows)
+    return Plan(places, keys, tuple(map(len, axes)) if table.method == "grid" else (len(places),))
 
 
 def _values(values: str | Sequence[Any]) -> list[Any]:

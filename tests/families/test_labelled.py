@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import wormopt as wo
+from wormopt.families.gathered import dataframe as dataframe_of_sweep
 from wormopt.labelled import apart
 from wormopt.model.gait import Gait
 from wormopt.quantities import Variable
 from wormopt.result import Result
-from wormopt.sweeps.gathered import dataframe as dataframe_of_sweep
 from wormopt.systems.block.block import block
 
 # One link that extends and contracts at rate 1: the rate jumps at 0.4 and at the period's end.

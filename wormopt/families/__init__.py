@@ -1,0 +1,1 @@
+"""Families: one study at many points, which are kept, and collected as one result."""

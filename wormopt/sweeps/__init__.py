@@ -1,1 +1,0 @@
-"""Sweeps of scenes that differ in a few keys: points, stored results, and the whole."""
