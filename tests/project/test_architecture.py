@@ -43,7 +43,7 @@ DOORS = {
         simulate trajectory variation walls""",
     "ocp": "contact mesh motion nlp optimise problem stages switching transcription",
     "reports": "report",
-    "exports": "export ros",
+    "exports": "export robot ros",
     "cli": "",
 }
 # Which systems a system may use; all may use what they share.
