@@ -164,7 +164,7 @@ from wormopt.result import Check as Check
 from wormopt.quantities import Scalar as Scalar
 from wormopt.quantities import Variable as Variable
 from wormopt.reports.report import report as report
-from wormopt.plotting import draw as draw
+from wormopt.pictures import draw as draw
 from wormopt.exports.export import export as export
 from wormopt.errors import WormoptError as WormoptError
 from wormopt.errors import ArgumentError as ArgumentError

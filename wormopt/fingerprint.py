@@ -12,7 +12,7 @@ _ROOT = Path(__file__).parent
 # Version of this form of hashes; increase it for a new form.
 _FORM = 1
 # Packages that compute nothing. Contents of scenes are part of the names of the files.
-_SHOWS = {"study", "families", "scenes", "plotting", "plots", "quantities", "result", "saving",
+_SHOWS = {"study", "families", "scenes", "pictures", "quantities", "result", "saving",
           "errors", "files", "kinds", "progress", "version"}  # fmt: skip
 
 

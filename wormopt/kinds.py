@@ -30,7 +30,7 @@ class Kind:
     def pictures(self) -> Mapping[str, str]:
         """Word of ``want``: "module:function" that composes the picture of a result.
 
-        If the function is first_frame, ``pose`` of its module animates it over FRAMES frames.
+        An `Animation` instead of a function composes one that moves.
         """
         return self.load().pictures
 

@@ -257,4 +257,4 @@ class SampledMotion(ABC):
         UnknownNameError
             If there is no such signal.
         """
-        return above("wormopt.plotting.signals:signals")(self, names or self.names[:_MOST_PANELS])
+        return above("wormopt.pictures.motion:signals")(self, names or self.names[:_MOST_PANELS])

@@ -443,11 +443,11 @@ class Result:
         UnknownNameError
             Naming the variables that the picture needs and the result lacks.
         """
-        return above("wormopt.plotting:figure")(self, picture or self._picture())
+        return above("wormopt.pictures:figure")(self, picture or self._picture())
 
     def _picture(self) -> str:
         """First picture that the scene wants, or that its kind has; empty if there is none."""
-        there = above("wormopt.plotting:pictures_of")(self)
+        there = above("wormopt.pictures:pictures_of")(self)
         wanted = json.loads(self.scene_text).get("want", []) if self.scene_text else []
         return next((name for name in (*wanted, *there) if name in there), "")
 

@@ -76,7 +76,7 @@ def never(scene: Scene[Any], report: Report) -> Result:
 def study(tmp_path: Path, monkeypatch: Patch) -> Install:
     """Stand-ins for the study of kind "gait" and for the drawing, in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    plot = ModuleType("wormopt.plotting")
+    plot = ModuleType("wormopt.pictures")
     plot.__dict__["draw"] = lambda result, name, path: path.write_text(name)
     monkeypatch.setitem(sys.modules, plot.__name__, plot)
 
@@ -389,7 +389,7 @@ def test_a_picture_without_data_is_left_out_of_a_failed_result(
     def draw(result: Result, name: str, path: Path) -> None:
         result["spike_load"]
 
-    monkeypatch.setattr(sys.modules["wormopt.plotting"], "draw", draw)
+    monkeypatch.setattr(sys.modules["wormopt.pictures"], "draw", draw)
     study(lambda scene, report: found(scene, status="failed", reason="no"))
     assert main(["run", "fast_gait"]) == 3
     assert "gait.png left out" in capsys.readouterr().err
@@ -402,7 +402,7 @@ def test_a_drawing_that_breaks_costs_no_numbers(
     def draw(result: Result, name: str, path: Path) -> None:
         raise ZeroDivisionError("no width")
 
-    monkeypatch.setattr(sys.modules["wormopt.plotting"], "draw", draw)
+    monkeypatch.setattr(sys.modules["wormopt.pictures"], "draw", draw)
     assert main(["run", "fast_gait"]) == 0
     assert "drawing failed (ZeroDivisionError: no width)" in capsys.readouterr().err
     assert speed_in(tmp_path / "results" / "fast_gait") == 2.0

@@ -10,7 +10,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.families.store import Store
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.result import Result, Variable
 from wormopt.systems.spiked import gait_pareto
 

@@ -34,7 +34,7 @@ from wormopt.magnetics.hydrostatics import (
 )
 from wormopt.magnetics.material import MU0
 from wormopt.magnetics.winding import Coil
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.coils import coil_pressure

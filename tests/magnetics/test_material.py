@@ -32,7 +32,7 @@ from wormopt.magnetics.material import (
     identify_material,
     softening,
 )
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.coils import material as study
@@ -510,7 +510,8 @@ def test_the_picture_shades_strains_that_are_not_small(strain: str, shades: int)
     labels = [text.get_text() for text in drawn.legends[0].get_texts()]
     assert labels.count("beyond small strains") == min(shades, 1)
     lines = {str(line.get_label()): line for line in axes.get_lines()}
-    with_field = next(line for name, line in lines.items() if r"1.5·10$^{5}$ A m$^{-1}$" in name)
+    words = "1.5·10$^{5}$ A\xa0m$^{-1}$"
+    with_field = next(line for name, line in lines.items() if words in name)
     x, y = (np.asarray(data, dtype=float) for data in with_field.get_data())
     assert y == pytest.approx(16e3 * (x / 100 - 0.071), abs=1e-8)
 

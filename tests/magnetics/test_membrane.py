@@ -16,7 +16,7 @@ from outcomes import failed_checks, refusals, value
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.study import load_scene
 from wormopt.systems.coils.membrane import Choice, Membrane
 

@@ -172,7 +172,7 @@ def _plot(options: argparse.Namespace) -> int:
     check_backend()
     result, source = result_at(options.result), Path(options.result)
     source = source / RESULT_FILE if source.is_dir() else source
-    from wormopt.plotting import no_picture, pictures_of
+    from wormopt.pictures import no_picture, pictures_of
 
     there = pictures_of(result)
     if unknown := [name for name in options.pictures if name not in there]:
@@ -196,7 +196,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _draw(result: Result, name: str, file: Path, source: Path, options: argparse.Namespace) -> bool:
     """Draw a picture and return True; skip one without data unless the user named it."""
-    from wormopt.plotting import draw
+    from wormopt.pictures import draw
 
     try:
         with TemporaryDirectory() as folder:

@@ -149,7 +149,7 @@ def _draw_all(result: Result, pictures: dict[str, str], folder: Path) -> None:
     """Draw pictures into files of a folder; report and skip one that fails."""
     if not pictures or not result.variables:
         return
-    from wormopt.plotting import draw
+    from wormopt.pictures import draw
 
     for name, file in pictures.items():
         try:

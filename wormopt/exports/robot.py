@@ -196,7 +196,7 @@ def _crawling(result: Result, table: Any) -> Robot:
 def _turning(result: Result, table: Any) -> Robot:
     ends, middle = table.worm.end_friction, table.worm.middle_friction
     times = np.cumsum([0.0, *table.durations, *table.durations])
-    return _slow(result, None, table.gait.stroke, times, [(f, f, f) for f in (ends, middle, ends)])
+    return _slow(result, None, table.worm.stroke, times, [(f, f, f) for f in (ends, middle, ends)])
 
 
 def _designed(result: Result, table: Any) -> Robot:

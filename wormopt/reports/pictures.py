@@ -54,8 +54,8 @@ def pictures(result: Result, prefix: str, room: float, most: int = 12) -> Iterat
 def _picture(result: Result, name: str, prefix: str) -> Picture:
     from matplotlib import rc_context
 
-    from wormopt.plotting import figure
-    from wormopt.plotting.parts import STYLE
+    from wormopt.pictures import figure
+    from wormopt.pictures.style import STYLE
 
     caption = _caption(KINDS[result.kind].pictures[name])
     try:

@@ -17,7 +17,7 @@ from wormopt.errors import SceneError, SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
-from wormopt.plotting import draw
+from wormopt.pictures import draw
 from wormopt.result import Result
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene

@@ -18,7 +18,7 @@ from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.motion import Guess
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import optimise
-from wormopt.plotting import draw
+from wormopt.pictures import draw
 from wormopt.result import Result
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate

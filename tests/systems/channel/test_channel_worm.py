@@ -21,7 +21,7 @@ from scipy.special import ellipe
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.channel import channel_worm, segments

@@ -14,7 +14,7 @@ from outcomes import refusals, value
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SolveError
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.progress import silent
 from wormopt.result import Check, Result
 from wormopt.study import load_scene
@@ -230,4 +230,4 @@ def test_the_rod_is_drawn_with_its_forces():
     assert f"force of the lower wall {lower:.4g} mN" in facts(drawn)
     closest = f"closest to rod: sine, {1e3 * value(result, 'closest_distance_rod'):.3g} mm"
     assert closest in facts(drawn)
-    assert "distance from\nrod (mm)" in below.get_ylabel()
+    assert below.get_ylabel() == "distance from rod (mm)"

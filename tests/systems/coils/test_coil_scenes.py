@@ -17,7 +17,7 @@ from wormopt.magnetics.coils import Coil, CoilRow, field_by_quadrature
 from wormopt.magnetics.material import MU0
 from wormopt.magnetics.travelling import MovingProfile
 from wormopt.ocp.nlp import Ipopt
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.coils import coil_inverse, coil_row, row_currents
@@ -311,7 +311,7 @@ def test_the_command_line_and_its_pictures(row: Result, inverse: Result, tmp_pat
     assert json.loads((out / "summary.json").read_text())["status"] == "ok"
     spread, still, frame, _bar = figure(row, "travelling_field").axes
     assert spread.get_ylabel() == "time $t$ (s)"
-    assert still.get_xlabel().startswith("position $x$ (mm)")
+    assert still.get_xlabel() == "position along the row (mm)"
     assert frame.get_xlabel().endswith("rad)")
     above, below = figure(inverse, "row_currents").axes
     assert "wanted" in str([text.get_text() for text in above.get_legend().get_texts()])  # pyright: ignore

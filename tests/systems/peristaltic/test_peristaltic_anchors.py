@@ -12,7 +12,7 @@ from outcomes import refusals
 
 import wormopt as wo
 from wormopt.errors import ArgumentError
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.systems.peristaltic.anchored import (
     anchored_wave,
     anchors_needed,
@@ -25,7 +25,7 @@ from wormopt.systems.peristaltic.anchored_fastest import (
     fastest_of_order,
     mode_bound,
 )
-from wormopt.systems.peristaltic.plots.anchored import FRAMES, pose
+from wormopt.systems.peristaltic.pictures import animation_of_anchors
 from wormopt.systems.peristaltic.segment import Anchoring, Segment
 from wormopt.systems.peristaltic.tables import Tube
 from wormopt.systems.spiked.construct import block_wave
@@ -253,7 +253,7 @@ def test_the_worm_moves_in_its_picture():
     drawn = figure(result, "animation")
     (axes,) = drawn.axes
     before = axes.dataLim.x1
-    pose(drawn, result, FRAMES - 1)
+    animation_of_anchors.show(drawn, animation_of_anchors.frames - 1)
     assert axes.dataLim.x1 > before
 
 

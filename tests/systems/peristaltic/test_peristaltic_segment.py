@@ -20,7 +20,7 @@ from wormopt.magnetics.pressure import magnetic_pressure
 from wormopt.magnetics.winding import Coil
 from wormopt.numerics.chebyshev import resolve
 from wormopt.numerics.roots import root
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.peristaltic.membranes import (

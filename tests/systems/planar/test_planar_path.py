@@ -37,7 +37,7 @@ from wormopt.systems.planar.path.simulate import (
 )
 from wormopt.systems.planar.path.steps import Family, GaitStep, Library, chained, gait_family
 from wormopt.systems.planar.path.task import Corridor, Cost, PathTask, Tolerance, cost_of
-from wormopt.systems.planar.plots.path import path
+from wormopt.systems.planar.pictures import path
 from wormopt.systems.planar.poses import compose, divided, inverse, travel_along
 from wormopt.systems.planar.shape import chain_shape
 

@@ -13,7 +13,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError
 from wormopt.numerics.bilinear import Climb
-from wormopt.plotting import draw
+from wormopt.pictures import draw
 from wormopt.progress import silent
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed

@@ -13,7 +13,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.gait import Gait
-from wormopt.plotting import figure
+from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.spiked.construct import fast_gait, gait_of_result

@@ -95,7 +95,7 @@ class Slide(OptimalMotion, kind="slide"):
     The arrays contain the instants at which arcs join twice.
     """
 
-    pictures: ClassVar = {"signals": "wormopt.systems.chain.plots.optimum:signals"}
+    pictures: ClassVar = {"signals": "wormopt.systems.chain.pictures:signals"}
     keys_of_names: ClassVar = {"force": "block.force", "arcs": "mesh.arcs"}
 
     want: tuple[Literal["signals"], ...] = entry("`signals`: signals over time", default=())

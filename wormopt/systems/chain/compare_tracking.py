@@ -176,7 +176,7 @@ class CompareTracking(Study, kind="compare-tracking"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.plots.comparison:{name}" for name in ("comparison", "draws")
+        name: f"wormopt.systems.chain.pictures:{name}" for name in ("comparison", "draws")
     }
     table_file: ClassVar = True
 

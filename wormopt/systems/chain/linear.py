@@ -191,9 +191,9 @@ class Linear(Study, kind="linear"):
     """
 
     pictures: ClassVar = {
-        "bode": "wormopt.systems.chain.plots.linear:response",
-        "poles": "wormopt.systems.chain.plots.linear:poles",
-        "margins": "wormopt.systems.chain.plots.linear:margins",
+        "bode": "wormopt.systems.chain.pictures:response",
+        "poles": "wormopt.systems.chain.pictures:poles",
+        "margins": "wormopt.systems.chain.pictures:margins",
     }
     headline: ClassVar = (
         "gain_learned",

@@ -188,7 +188,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.plots.optimum:{name}" for name in ("signals", "convergence")
+        name: f"wormopt.systems.chain.pictures:{name}" for name in ("signals", "convergence")
     }
     wanted: ClassVar = ("convergence",)
     headline: ClassVar = (

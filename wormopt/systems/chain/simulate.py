@@ -166,8 +166,8 @@ class Simulate(Study, kind="simulate"):
     """
 
     pictures: ClassVar = {
-        "motion": "wormopt.systems.chain.plots.simulation:motion",
-        "signals": "wormopt.systems.chain.plots.simulation:signals",
+        "motion": "wormopt.systems.chain.pictures:motion",
+        "signals": "wormopt.systems.chain.pictures:signals",
     }
 
     want: tuple[Literal["motion", "signals"], ...] = entry(

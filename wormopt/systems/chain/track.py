@@ -156,8 +156,7 @@ class Track(Study, kind="track"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.plots.simulation:{name}"
-        for name in ("trackers", "motion", "bands")
+        name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion", "bands")
     }
 
     want: tuple[Literal["trackers", "motion", "bands"], ...] = entry(

@@ -102,7 +102,7 @@ class TrackOptimal(Study, kind="track-optimal"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.plots.simulation:{name}" for name in ("trackers", "motion")
+        name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion")
     }
     headline: ClassVar = (
         "objective",

@@ -183,8 +183,7 @@ class TrackPredictive(Study, kind="track-predictive"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.plots.predictive:{name}"
-        for name in ("predictive", "estimates")
+        name: f"wormopt.systems.chain.pictures:{name}" for name in ("predictive", "estimates")
     }
     table_file: ClassVar = True
 

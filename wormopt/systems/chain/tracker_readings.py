@@ -281,8 +281,8 @@ class TrackerReadings(Study, kind="tracker-readings"):
     """
 
     pictures: ClassVar = {
-        "readings": "wormopt.systems.chain.plots.readings:readings",
-        "trackers": "wormopt.systems.chain.plots.simulation:trackers",
+        "readings": "wormopt.systems.chain.pictures:readings",
+        "trackers": "wormopt.systems.chain.pictures:trackers",
     }
     table_file: ClassVar = True
     exports: ClassVar = {"readings.csv": "wormopt.systems.chain.tracker_readings:as_csv"}

@@ -164,7 +164,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
 
     pictures: ClassVar = {
         "rod_motion": "wormopt.systems.channel.pictures:rod_motion",
-        "animation": "wormopt.systems.channel.pictures:first_frame",
+        "animation": "wormopt.systems.channel.pictures:animation",
     }
     headline: ClassVar = (
         "velocity_mean", "velocity_error", "direction", "velocity_per_frequency", "field_speed",

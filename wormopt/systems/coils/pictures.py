@@ -3,41 +3,33 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Rectangle
 
-from wormopt.plotting.parts import (
+from wormopt.pictures.page import Page, Panel, edges
+from wormopt.pictures.style import (
     DASHES,
     GLIDE,
     GREY,
-    LIMIT,
     LINKS,
     MASSES,
     RED,
-    draw_limits,
-    fact,
-    label,
-    legend,
-    legend_below,
-    line,
     narrow,
-    needed,
     number,
-    scalar,
-    sheet,
-    tell,
+    patch,
+    raised,
 )
 from wormopt.result import Result
 
+_UNITS = ("mm", "mm s-1", "mm2", "mm2 s-1", "kA m-1", "kA2 m-2", "mT")
 _SNAPSHOTS_OF_FIELD = 3
-_FIELD = label("field $H$", "kA m-1")
 _SNAPSHOTS = 4
 _FRAMES, _AROUND = 5, 2.0  # number of times shown, and lengths of the float shown beside it
 _SORTS = ("", "mean_field_", "block_")
 _NAMES = ("design", "best by the mean field", "best block")
 _WINDING = "#D9A066"
+_PHASE = r"phase $\xi = \omega t - k x$ ($\pi$ rad)"
 
 
 # -- rows of coils: their travelling field, and currents for a wave of a film ----------------------
@@ -48,38 +40,26 @@ def travelling_field(result: Result) -> Figure:
 
     Positions in mm; in the frame of the wave, mean and range of H² over the positions.
     """
-    drawn = sheet(7.1, 6.6, 6.0)
-    spread, still, frame = drawn.subplots(3, height_ratios=(4, 3, 3))
-    still.sharex(spread)
-    x, t = 1e3 * result["place"].values, result["time"].values
-    field = 1e-3 * result["field"].values
+    page = Page(result, 6.6, 6.0, _UNITS)
+    spread, still, frame = page.rows(4, 3, 3, share=False)
+    still.axes.sharex(spread.axes)
+    t, field = page["time"], page["field"]
     half = (t[1] - t[0]) / 2 if len(t) > 1 else t[0]
-    shown = spread.pcolormesh(
-        _edges(x), np.append(t - half, t[-1] + half), field, vmin=0, shading="flat", rasterized=True
-    )
-    drawn.colorbar(shown, ax=spread, label=_FIELD, pad=0.01)
-    spread.grid(visible=False)
-    spread.set_ylabel(label("time $t$", result["time"].unit))
+    spread.map("place", np.append(t - half, t[-1] + half), "field", vmin=0)
+    spread.label("")
+    spread.named("y", "time")
     steps = np.unique(np.linspace(0, len(t), 2 * _SNAPSHOTS_OF_FIELD + 1).astype(int)[1::2])
-    for colour, dashes, step in zip(LINKS, DASHES, steps, strict=False):
-        still.plot(x, field[step], color=colour, linestyle=dashes, label=f"at {t[step]:.3g} s")
-    for place in 1e3 * result["coil_place"].values:
-        still.axvline(place, ymax=0.04, color=GREY, linewidth=1)
-    still.set_ylim(0, 1.1 * max(float(field.max()), 1e-12))
-    still.set_xlabel("position $x$ (mm)")
-    still.set_ylabel(_FIELD)
-    _profile(frame, result, first=-np.pi)
-    entries = [*still.get_lines()[: len(steps)], line("coil", GREY, "none", marker="|")]
-    legend_below(drawn, [*entries, *frame.get_legend_handles_labels()[0]])
-    tell(
-        drawn,
-        fact(result, "pitch", "assumed pitch", "mm"),
-        fact(result, "wave_speed", "speed of the wave"),
-        fact(result, "field_max", "largest field", "kA m-1"),
-        fact(result, "ripple", unit="%"),
-        fact(result, "first_harmonic_share", "share of first harmonic", "%"),
-    )
-    return drawn
+    for color, dashes, step in zip(LINKS, DASHES, steps, strict=False):
+        still.curve("place", "field", f"at {t[step]:.3g} s", pick=step, color=color, ls=dashes,
+                    words="field $H$")  # fmt: skip
+    _draw_coils(still)
+    still.axes.set_ylim(0, 1.1 * max(float(field.max()), 1e-12))
+    _profile(frame, first=-np.pi)
+    page.facts(
+        pitch="assumed pitch", wave_speed="speed of the wave", field_max="largest field",
+        ripple=("", "%"), first_harmonic_share=("share of first harmonic", "%"),
+    )  # fmt: skip
+    return page.legend()
 
 
 def row_currents(result: Result) -> Figure:
@@ -87,57 +67,51 @@ def row_currents(result: Result) -> Figure:
 
     The computed H² has its mean and its range over the positions.
     """
-    drawn = sheet(7.1, 4.6, 5.0)
-    above, below = drawn.subplots(2, 1)
-    _profile(above, result)
-    above.plot(
-        result["phase"].values / np.pi, 1e-6 * result["square_target"].values, color="black",
-        linestyle=DASHES[1], label="wanted, $H_0^2 - D$",
+    page = Page(result, 4.6, 5.0, _UNITS)
+    above, below = page.rows(1, 1, share=False)
+    _profile(above)
+    above.curve(page["phase"] / np.pi, "square_target", "wanted, $H_0^2 - D$", color="black",
+                ls=DASHES[1])  # fmt: skip
+    above.legend()
+    currents = page["current"][:3]
+    below.curves("time", currents, what="coil")
+    limit = page.get("currents_limit")
+    levels = [] if limit is None else [sign * limit for sign in (-1, 1)
+                                       if (sign * page["current"]).max() > 0.6 * limit]  # fmt: skip
+    below.limits([(level,) for level in levels][-1:])
+    for level in levels[:-1]:
+        below.level(level)
+    below.label(y="current $I$ (ampere-turns)")
+    below.legend()
+    page.facts(
+        field_residual=("residual of the field", "%"), ripple=("", "%"), H0="mean field $H_0$",
+        currents_max="largest current", currents_limit="limit",
     )  # fmt: skip
-    legend(above)
-    t, currents = result["time"].values, result["current"].values
-    for k in range(min(3, len(currents))):
-        below.plot(t, currents[k], color=LINKS[k], linestyle=DASHES[k], label=f"coil {k}")
-    limit_lines = []
-    limit = scalar(result, "currents_limit")
-    for sign in (-1, 1):
-        if limit is not None and (sign * currents).max() > 0.6 * limit:
-            limit_lines = draw_limits(below, [(sign * limit,)])
-    below.margins(x=0)
-    below.set_ylabel(label("current $I$", "ampere-turns"))
-    below.set_xlabel(label("time $t$", result["time"].unit))
-    legend(below, [*below.get_legend_handles_labels()[0], *limit_lines])
-    tell(
-        drawn,
-        fact(result, "field_residual", "residual of the field", "%"),
-        fact(result, "ripple", unit="%"),
-        fact(result, "H0", "mean field $H_0$", "kA m-1"),
-        fact(result, "currents_max", "largest current"),
-        fact(result, "currents_limit", "limit"),
-    )
-    return drawn
+    return page.drawn
 
 
-def _profile(axes: Axes, result: Result, first: float = 0.0) -> None:
+def _profile(panel: Panel, first: float = 0.0) -> None:
     """Draw H² over one wave from a phase on: mean and range over the positions."""
-    phase = np.mod(result["phase"].values - first, 2 * np.pi) + first
+    page = panel.page
+    phase = np.mod(page["phase"] - first, 2 * np.pi) + first
     order = np.argsort(phase)
-    low, high, mean = (
-        1e-6 * result[f"square_{name}"].values[order] for name in ("low", "high", "mean")
-    )
     phase = phase[order] / np.pi
-    axes.plot(phase, mean, color=LINKS[0], label="mean over the row")
-    axes.fill_between(phase, low, high, color=LINKS[0], alpha=0.2, linewidth=0,
-                      label="range over the row")  # fmt: skip
-    axes.set_ylim(bottom=0)
-    axes.margins(x=0)
-    axes.set_xlabel(r"phase $\xi = \omega t - k x$ ($\pi$ rad)")
-    axes.set_ylabel(label("$H^2$", "kA2 m-2"))
+    panel.curve(
+        phase, "square_mean", "mean over the row", pick=order, words="$H^2$", color=LINKS[0]
+    )
+    panel.label(y="$H^2$", of="square_mean")
+    panel.band(phase, page["square_low"][order], page["square_high"][order], "range over the row",
+               color=LINKS[0], alpha=0.2)  # fmt: skip
+    panel.axes.set_ylim(bottom=0)
+    panel.axes.margins(x=0)
+    panel.label(_PHASE)
 
 
-def _edges(x: np.ndarray) -> np.ndarray:
-    middle = (x[1:] + x[:-1]) / 2
-    return np.concatenate([x[:1], middle, x[-1:]])
+def _draw_coils(panel: Panel) -> None:
+    """Mark places of coils by ticks at the bottom."""
+    for place in panel.page["coil_place"]:
+        panel.axes.axvline(place, ymax=0.04, color=GREY, linewidth=1)
+    panel.entry("coil", GREY, "none", marker="|")
 
 
 # -- films over rows of coils ----------------------------------------------------------------------
@@ -148,99 +122,69 @@ def coil_film(result: Result) -> Figure:
 
     The thickness is stretched relative to the position; ticks below are the coils.
     """
-    drawn = sheet(7.1, 6.8, 6.2)
-    spread, still, flow = drawn.subplots(3, height_ratios=(4, 3, 2.4), sharex=True)
-    x, t = 1e3 * result["x"].values, result["time"].values
-    face, h = 1e3 * result["face"].values, 1e3 * result["thickness"].values
-    flat = float(h[0].mean())
-    most = max(float(np.abs(h - flat).max()), 1e-12)
-    edges = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, t[-1:]])
-    shown = spread.pcolormesh(
-        face, edges, h, cmap="RdBu_r", vmin=flat - most, vmax=flat + most, shading="flat",
-        rasterized=True,
-    )  # fmt: skip
-    drawn.colorbar(shown, ax=spread, label="thickness $h$ (mm)", pad=0.01)
-    spread.grid(visible=False)
-    spread.set_ylabel(label("time $t$", result["time"].unit))
+    page = Page(result, 6.8, 6.2, _UNITS)
+    spread, still, flow = page.rows(4, 3, 2.4)
+    t, flat = page["time"], float(page["thickness"][0].mean())
+    spread.map("face", np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, t[-1:]]), "thickness",
+               "thickness $h$", about=flat)  # fmt: skip
+    spread.named("y", "time")
     kept = np.linspace(0, len(t) - 1, _SNAPSHOTS + 1).astype(int)[1:]
-    for colour, dashes, k in zip(LINKS, DASHES, kept, strict=False):
-        still.plot(x, h[k], color=colour, linestyle=dashes, label=f"at {t[k]:.3g} s")
-        flow.plot(face, 1e6 * result["flow"].values[k], color=colour, linestyle=dashes)
-    still.axhline(flat, color=GREY, linewidth=1)
-    for place in 1e3 * result["coil_place"].values:
-        still.axvline(place, ymax=0.04, color=GREY, linewidth=1)
-    still.set_ylim(bottom=0)
-    still.set_ylabel("thickness $h$ (mm)")
-    flow.set_ylabel(label("flow $Q$", "mm2 s-1"))
-    flow.set_xlabel("position $x$ (mm)")
-    flow.margins(x=0)
-    entries = [*still.get_lines()[: len(kept)], line("coil", GREY, "none", marker="|")]
-    legend_below(drawn, entries)
-    tell(
-        drawn,
-        switching_note(result),
-        fact(result, "wave_speed", "wave speed", "mm s-1"),
-        fact(result, "carried_per_switch", "carried per switch", "mm2"),
-        fact(result, "thickness_max", "thickest", "mm"),
-        fact(result, "thickness_min", "thinnest", "mm"),
-        fact(result, "grid_error", "grid error", "%"),
-    )
-    return drawn
-
-
-def switching_note(result: Result) -> str:
-    """Return the assumed row of a plot: no rig with all of these values is published."""
-    count, pitch = len(result["coil_place"].values), 1e3 * result.attributes["pitch"]
-    return f"row assumed: {count} coils {number(pitch)} mm apart"
+    for color, dashes, k in zip(LINKS, DASHES, kept, strict=False):
+        still.curve("x", "thickness", f"at {t[k]:.3g} s", pick=k, words="thickness $h$",
+                    color=color, ls=dashes)  # fmt: skip
+        flow.curve("face", "flow", pick=k, words="flow $Q$", color=color, ls=dashes)
+    still.level(flat, ls="-", lw=1)
+    _draw_coils(still)
+    still.axes.set_ylim(bottom=0)
+    flow.named("x", "x", "position $x$")
+    row = f"row assumed: {len(page['coil_place'])} coils {number(page.length('pitch'))} mm apart"
+    page.facts(
+        row, wave_speed="", carried_per_switch="", thickness_max="thickest",
+        thickness_min="thinnest", grid_error=("", "%"),
+    )  # fmt: skip
+    return page.legend()
 
 
 def cargo(result: Result) -> Figure:
     """Plot the float on the film at a few times, to scale, and its path over the coils'."""
-    t, x = result["time"].values, 1e3 * result["x"].values
-    h, X = 1e3 * result["thickness"].values, 1e3 * result["float_position"].values
-    length, thick = (1e3 * result.attributes["float"][name] for name in ("length", "thickness"))
-    drawn = sheet(7.1, 7.0, 7.4)
-    *frames, path = drawn.subplots(_FRAMES + 1, height_ratios=[1] * _FRAMES + [4])
-    top = h.max() + 3 * thick
-    on = result["current"].values > 0
-    places = 1e3 * result["coil_place"].values
-    for axes, k in zip(frames, np.linspace(0, len(t) - 1, _FRAMES).astype(int), strict=True):
-        axes.fill_between(x, 0, h[k], color=LINKS[0], alpha=0.5, linewidth=0)
-        below = np.abs(x - X[k]) <= length / 2
-        axes.fill_between(x[below], h[k][below], h[k][below] + thick, color=MASSES[0])
-        low, high = X[k] - _AROUND * length, X[k] + _AROUND * length
+    page = Page(result, 7.0, 7.4, _UNITS)
+    t, X, places = page["time"], page["float_position"], page["coil_place"]
+    *frames, path = page.rows(*[1] * _FRAMES, 4, share=False)
+    on, thick = page["current"] > 0, 1e3 * page["float"]["thickness"]
+    for panel, k in zip(frames, np.linspace(0, len(t) - 1, _FRAMES).astype(int), strict=True):
+        low, high = _carried(panel, k, page["thickness"].max() + 3 * thick)
         seen = places[on[k] & (low < places) & (places < high)]
-        axes.plot(seen, 0 * seen, "|", color="black", markersize=12, clip_on=False)
-        axes.set(xlim=(low, high), ylim=(0, top), ylabel="$z$ (mm)")
-        axes.set_aspect("equal")
-        axes.grid(visible=False)
-        axes.set_title(f"{t[k]:.3g} s", loc="left", fontsize="small")
-    frames[0].set_title("height to scale; strokes: active coils", loc="right", fontsize="small")
-    frames[-1].set_xlabel("position $x$ (mm)")
-    _path(path, result, t, X, places, on)
-    tell(
-        drawn,
-        fact(result, "float_speed", "mean speed", "mm s-1"),
-        fact(result, "wave_speed", "wave speed", "mm s-1"),
-        fact(result, "float_captured", "keeps up in", "%"),
-        fact(result, "draught", "draught", "mm"),
-        fact(result, "energy_error", "energy error", "%"),
-    )
-    return drawn
+        panel.axes.plot(seen, 0 * seen, "|", color="black", markersize=12, clip_on=False)
+        panel.axes.set_title(f"{t[k]:.3g} s", loc="left", fontsize="small")
+    frames[0].axes.set_title("height to scale; strokes: active coils", loc="right",
+                             fontsize="small")  # fmt: skip
+    frames[-1].label("position $x$ (mm)")
+    half = page.length("pitch") / 2
+    path.map(np.append(places - half, places[-1] + half), t, on[:-1], cmap="Greys", vmax=4)
+    path.curve(X, t, "middle of the float", color=MASSES[0])
+    path.entries.append(patch("active coils", "0.75"))
+    path.label("position $x$ (mm)")
+    path.named("y", "time")
+    path.axes.legend(handles=path.labelled(), loc="upper left")
+    page.facts(
+        float_speed="mean speed", wave_speed="", float_captured=("keeps up in", "%"),
+        draught="", energy_error=("", "%"),
+    )  # fmt: skip
+    return page.drawn
 
 
-def _path(
-    axes: Axes, result: Result, t: np.ndarray, X: np.ndarray, places: np.ndarray, on: np.ndarray
-) -> None:
-    half = 500 * result.attributes["pitch"]
-    edges = np.concatenate([places - half, places[-1:] + half])
-    axes.pcolormesh(edges, t, on[:-1], cmap="Greys", vmax=4, shading="flat", rasterized=True)
-    axes.plot(X, t, color=MASSES[0], label="middle of the float")
-    axes.fill_betweenx([], [], color="0.75", label="active coils")
-    axes.grid(visible=False)
-    axes.set_xlabel("position $x$ (mm)")
-    axes.set_ylabel(label("time $t$", result["time"].unit))
-    axes.legend(loc="upper left")
+def _carried(panel: Panel, k: int, top: float) -> tuple[float, float]:
+    """Draw film and float at an instant, to scale; gives the ends of what is shown."""
+    page = panel.page
+    x, h, X = page["x"], page["thickness"][k], float(page["float_position"][k])
+    length, thick = (1e3 * page["float"][name] for name in ("length", "thickness"))
+    panel.band(x, 0, h, color=LINKS[0], alpha=0.5)
+    below = np.abs(x - X) <= length / 2
+    panel.band(x[below], h[below], h[below] + thick, color=MASSES[0], alpha=1, linewidth=0.6)
+    ends = X - _AROUND * length, X + _AROUND * length
+    panel.axes.set(xlim=ends, ylim=(0, top), ylabel="$z$ (mm)")
+    panel.scenery()
+    return ends
 
 
 # -- designed currents -----------------------------------------------------------------------------
@@ -248,103 +192,54 @@ def _path(
 
 def coil_design(result: Result) -> Figure:
     """Plot waveforms, paths of the float, currents over coil and time, and the film."""
-    drawn = sheet(7.1, 7.4, 8.4)
-    shape = drawn.add_gridspec(3, 2, height_ratios=(3, 3.4, 1.3))
-    _courses(drawn.add_subplot(shape[0, 0]), result)
-    _ways(drawn.add_subplot(shape[0, 1]), result)
-    _currents(drawn, drawn.add_subplot(shape[1, :]), result)
-    _film(drawn.add_subplot(shape[2, :]), result)
-    entries = [
-        line(name, colour, dashes)
-        for name, colour, dashes in zip(_NAMES, LINKS, DASHES, strict=False)
-    ]
-    legend_below(drawn, entries)
-    tell(
-        drawn,
-        fact(result, "float_speed", "design", "mm s-1"),
-        fact(result, "mean_field_speed", "mean field", "mm s-1"),
-        fact(result, "block_speed", "block", "mm s-1"),
-        fact(result, "power", "power", "W"),
-        fact(result, "over_mean_field", "gain over mean field", "%"),
-        fact(result, "over_block", "gain over block", "%"),
-        fact(result, "neighbour_gain", "gain of best neighbour", "%"),
+    page = Page(result, 7.4, 8.4, _UNITS)
+    shape = page.drawn.add_gridspec(3, 2, height_ratios=(3, 3.4, 1.3))
+    courses, ways = page.panel(shape[0, 0]), page.panel(shape[0, 1])
+    ramps = page.get("slew_max") is not None  # of currents that change continuously
+    per_step = len(page["pattern"]) / page["repeat"]
+    for sort, name, color, dashes in zip(_SORTS, _NAMES, LINKS, DASHES, strict=False):
+        values = page[f"{sort}pattern"]
+        courses.curve(np.arange(len(values) + 1) / per_step, np.append(values, values[0]), name,
+                      color=color, ls=dashes, ds="default" if ramps else "steps-post")  # fmt: skip
+        place = page[f"{sort}position" if sort else "float_position"]
+        ways.curve(page[f"{sort}time"], place, color=color, ls=dashes)
+    courses.label("steps of the pattern", "ampere-turns of a coil (A)")
+    ways.named("x", "time")
+    ways.label(y="position of the float (mm)")
+    _currents(page.panel(shape[1, :]), ramps=ramps)
+    film = page.panel(shape[2, :])
+    k = 3 * (len(page["time"]) - 1) // 4
+    thick = 1e3 * page["float"]["thickness"]
+    _carried(film, k, 1.2 * page["thickness"][k].max() + thick)
+    film.level(float(page["thickness"][0].mean()), ls="-", lw=0.5)
+    film.label("position $x$ (mm)")
+    film.axes.set_title(
+        f"film and float with the design at {page['time'][k]:.3g} s, to scale", fontsize="small"
     )
-    return drawn
+    page.facts(
+        float_speed="design", mean_field_speed="mean field", block_speed="block", power="",
+        over_mean_field=("gain over mean field", "%"), over_block=("gain over block", "%"),
+        neighbour_gain=("gain of best neighbour", "%"),
+    )  # fmt: skip
+    return page.legend()
 
 
-def _ramps(result: Result) -> bool:
-    """Return whether currents change continuously, so that they have a slope."""
-    return result.scalars["slew_max"].value is not None
-
-
-def _courses(axes: Axes, result: Result) -> None:
-    """Draw the waveform of a coil over its steps, with the same number of values per step."""
-    per_step = len(result["pattern"].values) / result.scalars["repeat"].value
-    for sort, colour, dashes in zip(_SORTS, LINKS, DASHES, strict=False):
-        values = result[f"{sort}pattern"].values
-        steps = np.arange(len(values) + 1) / per_step
-        values = np.append(values, values[0])
-        axes.plot(
-            steps, values, color=colour, linestyle=dashes,
-            drawstyle="default" if _ramps(result) else "steps-post",
-        )  # fmt: skip
-    axes.set_xlabel("steps of the pattern")
-    axes.set_ylabel(label("ampere-turns of a coil", "A"))
-
-
-def _ways(axes: Axes, result: Result) -> None:
-    for sort, colour, dashes in zip(_SORTS, LINKS, DASHES, strict=False):
-        time = result[f"{sort}time"].values
-        place = result["float_position" if not sort else f"{sort}position"].values
-        axes.plot(time, 1e3 * place, color=colour, linestyle=dashes)
-    axes.set_xlabel(label("time $t$", result["time"].unit))
-    axes.set_ylabel("position of the float (mm)")
-
-
-def _currents(drawn: Figure, axes: Axes, result: Result) -> None:
+def _currents(panel: Panel, *, ramps: bool) -> None:
     """Draw the currents of the design over position and time, with the float's path."""
-    t, places = result["time"].values, 1e3 * result["coil_place"].values
-    current = result["current"].values
-    half = (places[1] - places[0]) / 2
-    edges = np.append(places - half, places[-1] + half)
-    most = float(np.abs(current).max())
+    page, t, places = panel.page, panel.page["time"], panel.page["coil_place"]
+    current, X = page["current"], page["float_position"]
     # the mean of currents that jump never flows
-    between = (current[:-1] + current[1:]) / 2 if _ramps(result) else current[:-1]
-    shown = axes.pcolormesh(
-        t, edges, between.T, cmap="RdBu_r", vmin=-most, vmax=most, shading="flat", rasterized=True
-    )
-    axes.plot(t, 1e3 * result["float_position"].values, color="black", linewidth=2)
+    between = (current[:-1] + current[1:]) / 2 if ramps else current[:-1]
+    panel.map(t, edges(places), between.T, "ampere-turns (A)", about=0.0)
+    panel.curve(t, X, color="black", lw=2)
     half_way = len(t) // 2
-    axes.annotate(
-        "float", (t[half_way], 1e3 * result["float_position"].values[half_way]), (-8, 6),
+    panel.axes.annotate(
+        "float", (t[half_way], X[half_way]), (-8, 6),
         textcoords="offset points", ha="right", va="bottom",
         bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
     )  # fmt: skip
-    axes.grid(visible=False)
-    axes.set_xlabel(label("time $t$", result["time"].unit))
-    axes.set_ylabel("position $x$ (mm)")
-    drawn.colorbar(shown, ax=axes, label="ampere-turns (A)", pad=0.01)
-
-
-def _film(axes: Axes, result: Result) -> None:
-    """Draw film and float, to scale, at three quarters of the time."""
-    k = 3 * (len(result["time"].values) - 1) // 4
-    x, h = 1e3 * result["x"].values, 1e3 * result["thickness"].values[k]
-    X = 1e3 * float(result["float_position"].values[k])
-    length, thick = (1e3 * result.attributes["float"][name] for name in ("length", "thickness"))
-    axes.fill_between(x, 0, h, color=LINKS[0], alpha=0.5, linewidth=0)
-    below = np.abs(x - X) <= length / 2
-    axes.fill_between(x[below], h[below], h[below] + thick, color=MASSES[0])
-    axes.axhline(float(result["thickness"].values[0].mean() * 1e3), color=GREY, linewidth=0.5)
-    axes.set(xlim=(X - _AROUND * length, X + _AROUND * length), ylim=(0, 1.2 * h.max() + thick))
-    axes.set_aspect("equal")
-    axes.grid(visible=False)
-    axes.set_xlabel("position $x$ (mm)")
-    axes.set_ylabel("$z$ (mm)")
-    axes.set_title(
-        f"film and float with the design at {result['time'].values[k]:.3g} s, to scale",
-        loc="left", fontsize="small",
-    )  # fmt: skip
+    panel.named("x", "time")
+    panel.label(y="position $x$ (mm)")
 
 
 # -- fluid at rest, and membranes ------------------------------------------------------------------
@@ -355,80 +250,49 @@ def coil_pressure(result: Result) -> Figure:
 
     Coil and field have one scale above; the surface, in the middle, has a stretched height.
     """
-    drawn = sheet(7.1, 7.0, 6.2)
-    top, middle, bottom = drawn.subplots(
-        3, 1, height_ratios=(3 if narrow() else 4.2, 3, 3), sharex=True
-    )
-    _field(drawn, top, result)
-    _surface(drawn, middle, result)
-    x = 1e3 * result["x"].values
-    bottom.plot(x, result["pressure"].values, color=LINKS[0], label="in the field")
-    still = needed(result, "pressure_without_field")
-    bottom.axhline(still, color=GREY, linewidth=1, linestyle=DASHES[1], label="without field")
-    bottom.set_ylim(bottom=0)
-    bottom.set_ylabel(label("pressure on\nthe bottom", result["pressure"].unit))
-    bottom.set_xlabel("position $x$ (mm)")
-    bottom.margins(x=0)
-    for axes in (top, middle):
-        axes.tick_params(labelbottom=False)
-    entries = [
-        Patch(facecolor=_WINDING, edgecolor="black", label="winding"),
-        line("surface of the fluid", RED),
-        line("field lines", "#404040", width=0.6),
-        *bottom.get_lines(),
-    ]
-    legend_below(drawn, entries)
-    tell(
-        drawn,
-        fact(result, "ampere_turns", "ampere-turns"),
-        fact(result, "field_bottom_max", "largest field at the bottom", "kA m-1"),
-        fact(result, "surface_rise_max", "rise of the surface", "mm"),
-        fact(result, "surface_drop_max", "drop", "mm"),
-        fact(result, "pressure_max", "largest pressure"),
-        fact(result, "stated_pressure", "stated"),
-    )
-    return drawn
-
-
-def _field(drawn: Figure, axes: Axes, result: Result) -> None:
-    """Draw lines and magnitude of the induction, the winding, and the surface."""
-    x, z = 1e3 * result["map_x"].values, 1e3 * result["map_z"].values
-    Bx, Bz = result["induction_x"].values, result["induction_z"].values
-    size = 1e3 * np.hypot(Bx, Bz)
-    if np.nanmax(size) > 0:
-        norm = LogNorm(vmin=max(np.nanmin(size), 1e-3 * np.nanmax(size)), vmax=np.nanmax(size))
-        image = axes.pcolormesh(x, z, size, norm=norm, cmap="Blues", shading="nearest")
-        drawn.colorbar(image, ax=axes, label="induction $B$ (mT)", pad=0.01)
-        axes.streamplot(
-            x, z, np.nan_to_num(Bx), np.nan_to_num(Bz), color="#404040", linewidth=0.6,
-            arrowsize=0.6, density=1.1,
-        )  # fmt: skip
-    for left, low, wide, high in needed(result, "winding"):
-        axes.add_patch(
-            Rectangle((1e3 * left, 1e3 * low), 1e3 * wide, 1e3 * high, facecolor=_WINDING,
-                      edgecolor="black", linewidth=0.8, zorder=3)
-        )  # fmt: skip
-    axes.plot(1e3 * result["x"].values, 1e3 * result["surface"].values, color=RED, linewidth=1.1)
-    axes.axhline(0, color="black", linewidth=1)
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlim(x[0], x[-1])
-    axes.set_ylim(z[0], z[-1])
-    axes.grid(visible=False)
-    axes.set_ylabel("height $z$ (mm)")
-
-
-def _surface(drawn: Figure, axes: Axes, result: Result) -> None:
-    """Draw the pressure in the fluid below its surface."""
-    x = np.broadcast_to(1e3 * result["inside_x"].values, result["inside_z"].values.shape)
-    image = axes.pcolormesh(
-        x, 1e3 * result["inside_z"].values, result["inside_pressure"].values, cmap="viridis",
-        shading="gouraud",
+    page = Page(result, 7.0, 6.2, _UNITS)
+    top, middle, bottom = page.rows(3 if narrow() else 4.2, 3, 3)
+    _field(top)
+    x, z = np.broadcast_arrays(page["inside_x"], page["inside_z"])
+    middle.map(x, z, "inside_pressure", "pressure $p$", shading="gouraud", cmap="viridis",
+               rasterized=False)  # fmt: skip
+    middle.curve("x", "surface", color=RED, words="height $z$")
+    middle.axes.set_ylim(0, 1.1 * page["surface"].max())
+    top.entries.append(patch("winding", _WINDING, edgecolor="black", linewidth=0.6))
+    top.entry("surface of the fluid", RED)
+    top.entry("field lines", "#404040", lw=0.6)
+    bottom.curve("x", "pressure", "in the field", color=LINKS[0])
+    bottom.level("pressure_without_field", "without field", lw=1, ls=DASHES[1])
+    bottom.axes.set_ylim(bottom=0)
+    bottom.label("position $x$ (mm)")
+    page.facts(
+        ampere_turns="ampere-turns", field_bottom_max="largest field at the bottom",
+        surface_rise_max="rise of the surface", surface_drop_max="drop",
+        pressure_max="largest pressure", stated_pressure="stated",
     )  # fmt: skip
-    drawn.colorbar(image, ax=axes, label=label("pressure $p$", result["inside_pressure"].unit),
-                   pad=0.01)  # fmt: skip
-    axes.plot(1e3 * result["x"].values, 1e3 * result["surface"].values, color=RED)
-    axes.set_ylim(0, 1.1e3 * result["surface"].values.max())
-    axes.set_ylabel("height $z$ (mm)")
+    return page.legend()
+
+
+def _field(panel: Panel) -> None:
+    """Draw lines and magnitude of the induction, the winding, and the surface."""
+    page, axes = panel.page, panel.axes
+    x, z, along, up = (page[name] for name in ("map_x", "map_z", "induction_x", "induction_z"))
+    size = np.hypot(along, up)
+    most = np.nanmax(size)
+    if most > 0:
+        norm = LogNorm(vmin=max(np.nanmin(size), 1e-3 * most), vmax=most)
+        panel.map(x, z, size, "induction $B$ (mT)", norm=norm, cmap="Blues", shading="nearest",
+                  rasterized=False)  # fmt: skip
+        axes.streamplot(x, z, np.nan_to_num(along), np.nan_to_num(up), color="#404040",
+                        linewidth=0.6, arrowsize=0.6, density=1.1)  # fmt: skip
+    for left, low, wide, high in 1e3 * np.array(page["winding"]):
+        axes.add_patch(Rectangle((left, low), wide, high, facecolor=_WINDING, edgecolor="black",
+                                 linewidth=0.8, zorder=3))  # fmt: skip
+    panel.curve(page["x"], page["surface"], color=RED, lw=1.1)
+    panel.level(0, color="black", ls="-", lw=1)
+    panel.scenery()
+    axes.set(xlim=(x[0], x[-1]), ylim=(z[0], z[-1]))
+    panel.label(y="height $z$ (mm)")
 
 
 def membrane(result: Result) -> Figure:
@@ -436,39 +300,29 @@ def membrane(result: Result) -> Figure:
 
     The front is dashed beyond a limit.
     """
-    drawn = sheet(7.1, 3.2, 5.4)
-    left, right = drawn.subplots(*((2, 1) if narrow() else (1, 2)))
-    loss, strain = (100 * result[f"front_{name}"].values for name in ("loss", "strain"))
-    thickness = 1e3 * result["front_thickness"].values
-    within = result["front_within"].values == 1
-    best = 1e3 * needed(result, "thickness_best")
-    for axes, x, y in (
-        (left, loss, strain),
-        (right, thickness, result["front_contact_pressure"].values),
+    page = Page(result, 3.2, 5.4, _UNITS)
+    left, right = page.beside(2)
+    within, best = page["front_within"] == 1, page["thickness_best"]
+    for panel, x, y in (
+        (left, 100 * page["front_loss"], 100 * page["front_strain"]),
+        (right, page["front_thickness"], page["front_contact_pressure"]),
     ):
-        axes.plot(x, y, color=GREY, linewidth=1, linestyle=DASHES[1], label="beyond a limit")
-        axes.plot(x, np.where(within, y, np.nan), color=LINKS[0], linewidth=1.8, label="allowed")
-    left.plot(
-        100 * needed(result, "loss_share"), 100 * needed(result, "strain"), "o", color=RED,
-        zorder=3, label=f"best: {best:.3g} mm",
-    )  # fmt: skip
-    right.plot(best, needed(result, "contact_pressure"), "o", color=RED, zorder=3)
-    left.axvline(100 * needed(result, "loss_max"), color=RED, linewidth=0.8, linestyle=LIMIT,
-                 label="limits")  # fmt: skip
-    left.axhline(100 * needed(result, "strain_max"), color=RED, linewidth=0.8, linestyle=LIMIT)
-    left.set_xscale("log")
-    left.set_yscale("log")
-    left.set_xlabel("fluid lost within the lifetime (%)")
-    left.set_ylabel("strain by the pressure (%)")
-    right.set_xscale("log")
-    right.set_xlabel("thickness $h_m$ (mm)")
-    right.set_ylabel(label("remaining pressure\non the ground", "Pa"))
-    right.axhline(0, color="black", linewidth=0.8)
-    legend_below(drawn)
-    limited = str(needed(result, "limited_by")).replace("_", " ")
-    tell(drawn, f"limited by {limited}", fact(result, "stress", unit="kPa"),
-         fact(result, "bending_stiffness"))  # fmt: skip
-    return drawn
+        panel.curve(x, y, "beyond a limit", color=GREY, lw=1, ls=DASHES[1])
+        panel.curve(x, np.where(within, y, np.nan), "allowed", color=LINKS[0], lw=1.8)
+        panel.axes.set_xscale("log")
+    spot = {"marker": "o", "ls": "none", "color": RED, "zorder": 3}
+    left.curve(100 * page["loss_share"], 100 * page["strain"], f"best: {best:.3g} mm", **spot)
+    right.curve(best, page["contact_pressure"], **spot)
+    left.level(100 * page["loss_max"], "limits", axis="x", color=RED)
+    left.level(100 * page["strain_max"], color=RED)
+    left.axes.set_yscale("log")
+    left.label("fluid lost within the lifetime (%)", "strain by the pressure (%)")
+    right.label("thickness $h_m$ (mm)")
+    right.label(y="remaining pressure on the ground", of="front_contact_pressure")
+    right.level(0, color="black", ls="-")
+    limited = str(page["limited_by"]).replace("_", " ")
+    page.facts(f"limited by {limited}", stress=("", "kPa"), bending_stiffness="")
+    return page.legend()
 
 
 # -- materials -------------------------------------------------------------------------------------
@@ -479,46 +333,24 @@ def stress_strain(result: Result) -> Figure:
 
     Strains that are no longer small are shaded.
     """
-    drawn = sheet(7.1, 4.2, 3.2)
-    axes = drawn.subplots()
-    percent = 100 * result["strain"].values
-    field = needed(result, "field")
-    for name, colour, dashes, text in (
-        ("stress_without_field", GREY, DASHES[1], "without field, slope $3\\eta$"),
-        (
-            "stress_with_field",
-            LINKS[0],
-            "-",
-            rf"$H$ = {number(field)} A m$^{{-1}}$, slope $E_{{eff}}$",
-        ),
-    ):
-        axes.plot(percent, result[name].values, color=colour, linestyle=dashes, label=text)
-    _mark(axes, result, percent)
-    axes.axhline(0, color="black", linewidth=0.8)
-    axes.margins(x=0)
-    axes.set_xlabel("strain $u$ (%)")
-    axes.set_ylabel(label("stress $p$", result["stress_with_field"].unit))
-    tell(
-        drawn,
-        fact(result, "permeability"),
-        fact(result, "lame_eta", r"Lamé coefficient $\eta$", "kPa"),
-        fact(result, "stiffness", "stiffness of the bar"),
-    )
-    legend_below(drawn)
-    return drawn
-
-
-def _mark(axes: Axes, result: Result, percent: np.ndarray) -> None:
-    """Mark u0 and the range beyond small strains."""
-    u0, small = 100 * needed(result, "u0"), 100 * needed(result, "small_strain")
+    page = Page(result, 4.2, 3.2)
+    panel, percent = page.panel(), 100 * page["strain"]
+    field = f"$H$ = {number(page['field'])} {raised('A m-1')}, slope $E_{{eff}}$"
+    panel.curve(percent, "stress_without_field", r"without field, slope $3\eta$",
+                words="stress $p$", color=GREY, ls=DASHES[1])  # fmt: skip
+    panel.curve(percent, "stress_with_field", field, color=LINKS[0])
+    u0, small = 100 * page["u0"], 100 * page["small_strain"]
     if percent[0] <= u0 <= percent[-1] and u0:
-        axes.plot(u0, 0.0, marker="o", color=LINKS[0], clip_on=False, zorder=3)
-        axes.annotate(
-            f"$u_0$ = {number(u0, 3)} %", (u0, 0.0), (5, -11), textcoords="offset points",
-            color=LINKS[0],
-        )  # fmt: skip
+        panel.curve(u0, 0.0, marker="o", color=LINKS[0], clip_on=False, zorder=3)
+        panel.axes.annotate(f"$u_0$ = {number(u0, 3)} %", (u0, 0.0), (5, -11), color=LINKS[0],
+                            textcoords="offset points")  # fmt: skip
     beyond = [(small, percent[-1]), (percent[0], -small)]
     for index, (start, end) in enumerate(span for span in beyond if span[0] < span[1]):
-        start, end = max(start, percent[0]), min(end, percent[-1])
-        text = "" if index else "beyond small strains"
-        axes.axvspan(start, end, color=GLIDE, zorder=0, label=text or None)
+        panel.axes.axvspan(max(start, percent[0]), min(end, percent[-1]), color=GLIDE, zorder=0,
+                           label=None if index else "beyond small strains")  # fmt: skip
+    panel.level(0, color="black", ls="-")
+    panel.axes.margins(x=0)
+    panel.label("strain $u$ (%)")
+    page.facts(permeability="", lame_eta=(r"Lamé coefficient $\eta$", "kPa"),
+               stiffness="stiffness of the bar")  # fmt: skip
+    return page.legend()

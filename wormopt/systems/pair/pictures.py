@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
+from itertools import pairwise
 
-from wormopt.plotting.parts import (
-    DASHES,
-    GREY,
-    LIMIT,
-    LINKS,
-    MASSES,
-    RED,
-    fact,
-    handles,
-    label,
-    legend,
-    legend_below,
-    line,
-    needed,
-    number,
-    scalar,
-    sheet,
-    tell,
-)
+import numpy as np
+from matplotlib.figure import Figure
+
+from wormopt.pictures.page import Page, Panel
+from wormopt.pictures.style import DASHES, GREY, LINKS, MASSES, RED, number, patch
 from wormopt.result import Result
 
 # Contact state of each mass, below the curves; forward sliding is white.
 _DOES = {0: ("rests", "#D9A93A"), -1: ("slides back", "#D9C7D0")}
+_AVERAGES = (
+    ("velocity_period", "black", "-", "exact, mean over a period"),
+    ("velocity_first", LINKS[0], DASHES[1], "average, first order"),
+    ("velocity_second", LINKS[1], DASHES[3], "average, second order"),
+)
 
 
 def velocity(result: Result) -> Figure:
@@ -37,52 +25,25 @@ def velocity(result: Result) -> Figure:
 
     The whole time is above; below are the last periods of the field, in which it is steady.
     """
-    drawn = sheet(7.1, 5.2, 4.8)
-    whole, late = drawn.subplots(2, 1, height_ratios=(3, 2))
-    t, close = result["time"].values, result["late_time"].values
-    whole.plot(t, result["velocity"].values, color="#BBBBBB", linewidth=0.6, label="exact")
-    late.plot(close, result["late_velocity"].values, color="#AAAAAA", linewidth=1)
-    _averages(whole, result, np.full(len(t), True))
-    _averages(late, result, (t >= close[0]) & (t <= close[-1]))
-    for axes in (whole, late):
-        axes.axhline(_steady(result), color=RED, linewidth=0.8, linestyle=(0, (1, 2)),
-                     label="steady, by averaging")  # fmt: skip
-        axes.margins(x=0)
-        axes.set_ylabel(label("velocity $V$", result["velocity"].unit))
-    stated = scalar(result, "velocity_stated")
-    if stated is not None:
-        whole.axhline(stated, color=GREY, linewidth=0.8, linestyle=LIMIT, label="stated")
-    late.set_xlabel(label("time $t$", result["time"].unit))
-    late.set_title("the last periods of the field")
-    end = _ending(result)
-    tell(
-        drawn,
-        fact(result, f"velocity_steady{end}", "steady velocity by averaging"),
-        fact(result, f"velocity_exact_mean{end}", "exactly"),
-    )
-    legend_below(drawn)
-    return drawn
-
-
-def _averages(axes: Axes, result: Result, shown: np.ndarray) -> None:
-    t = result["time"].values[shown]
-    for name, colour, dashes, text in (
-        ("velocity_period", "black", "-", "exact, mean over a period"),
-        ("velocity_first", LINKS[0], DASHES[1], "average, first order"),
-        ("velocity_second", LINKS[1], DASHES[3], "average, second order"),
-    ):
-        if name in result:
-            values = result[name].values[shown]
-            axes.plot(t, values, color=colour, linestyle=dashes, label=text)
-
-
-def _ending(result: Result) -> str:
-    """Return the suffix of names of scalars in the units of the plot."""
-    return "_si" if "velocity_steady_si" in result.scalars else ""
-
-
-def _steady(result: Result) -> float:
-    return needed(result, f"velocity_steady{_ending(result)}")
+    page = Page(result, 5.2, 4.8)
+    whole, late = page.rows(3, 2, share=False)
+    t, close = page["time"], page["late_time"]
+    whole.curve(t, "velocity", "exact", color="#BBBBBB", lw=0.6, words="velocity $V$")
+    late.curve(close, "late_velocity", color="#AAAAAA", lw=1, words="velocity $V$")
+    # scalars in the units of the plot
+    end = "_si" if "velocity_steady_si" in page else ""
+    for panel, shown in (whole, t == t), (late, (t >= close[0]) & (t <= close[-1])):
+        for name, color, dashes, text in _AVERAGES:
+            if name in page:
+                panel.curve(t[shown], page[name][shown], text, color=color, ls=dashes)
+        panel.level(f"velocity_steady{end}", "steady, by averaging", color=RED, ls=(0, (1, 2)))
+        panel.axes.margins(x=0)
+    whole.level("velocity_stated", "stated")
+    late.named("x", "time")
+    late.axes.set_title("the last periods of the field")
+    page.facts(**{f"velocity_steady{end}": "steady velocity by averaging",
+                  f"velocity_exact_mean{end}": "exactly"})  # fmt: skip
+    return page.legend()
 
 
 def resonance(result: Result) -> Figure:
@@ -90,59 +51,47 @@ def resonance(result: Result) -> Figure:
 
     Axes are logarithmic if all values have one sign; unstable states are dashed, folds marked.
     """
-    drawn = sheet(7.1, 5.0, 4.8)
-    above, below = drawn.subplots(2, 1, sharex=True)
-    parts = (
-        (above, "velocity", "velocity $V$", ("velocity_exact", "exact")),
-        (below, "amplitude", "amplitude $a$\nof half the stretch", None),
-    )
-    for axes, name, text, exact in parts:
-        values = result[f"curve_{name}"].values
-        _branches(axes, result, values)
-        if exact and exact[0] in result:
-            exactly = result[exact[0]].values
-            axes.plot(result["detuning"].values, exactly, ".", color=LINKS[1], markersize=4,
-                      markevery=max(1, len(exactly) // 60), zorder=3,
-                      label="exact motion, mean")  # fmt: skip
+    page = Page(result, 5.0, 4.8)
+    above, below = page.rows(1, 1)
+    for panel, name, text in (
+        (above, "velocity", "velocity $V$"),
+        (below, "amplitude", "amplitude $a$ of half the stretch"),
+    ):
+        values, exact = page[f"curve_{name}"], page.get(f"{name}_exact")
+        _branches(panel, values)
+        if exact is not None:
+            panel.curve(page["detuning"], exact, "exact motion, mean", ls="", marker=".", ms=4,
+                        color=LINKS[1], zorder=3, markevery=max(1, len(exact) // 60))  # fmt: skip
         if values.min() > 0 and values.max() > 20 * values.min():
-            axes.set_yscale("log")
-        axes.set_ylabel(label(text, result[f"curve_{name}"].unit))
-    for fold in needed(result, "delta_fold"):
-        for axes in (above, below):
-            axes.axvline(fold, color=RED, linewidth=0.8, linestyle=LIMIT, label="fold")
-        above.annotate(
-            f"fold {number(fold)}", (fold, 1), (3, -10), xycoords=("data", "axes fraction"),
-            textcoords="offset points", color=RED, fontsize=7.5,
+            panel.axes.set_yscale("log")
+        panel.named("y", f"curve_{name}", text)
+    for fold in page["delta_fold"]:
+        for panel in (above, below):
+            panel.level(fold, "fold", axis="x", color=RED)
+        above.axes.annotate(
+            f"fold {number(fold)}", (fold, 1), (-3, -10), xycoords=("data", "axes fraction"),
+            textcoords="offset points", color=RED, fontsize=7.5, ha="right",
         )  # fmt: skip
-    detunings = result["detuning"].values
-    below.set_xlim(detunings.min(), detunings.max())
-    below.set_xlabel(r"detuning $\Delta$ of the field ($\nu = \sqrt{2} + \varepsilon \Delta$)")
-    tell(
-        drawn,
-        fact(result, "eps", r"small parameter $\varepsilon$"),
-        fact(result, "averaging_error", "error of averaging"),
-        fact(result, "averaging_error_second", "to second order"),
-        fact(result, "confirmed", "points confirmed"),
-    )
-    legend_below(drawn)
-    return drawn
+    shown = [*page["detuning"], *page["delta_fold"]]
+    below.axes.set_xlim(min(shown), max(shown))
+    below.label(r"detuning $\Delta$ of the field ($\nu = \sqrt{2} + \varepsilon \Delta$)")
+    page.facts(
+        eps=r"small parameter $\varepsilon$", averaging_error="error of averaging",
+        averaging_error_second="to second order", confirmed="points confirmed",
+    )  # fmt: skip
+    return page.legend()
 
 
-def _branches(axes: Axes, result: Result, values: np.ndarray) -> None:
+def _branches(panel: Panel, values: np.ndarray) -> None:
     """Draw each branch as a line, dashed where it is unstable."""
-    detuning, stable = result["curve_detuning"].values, result["curve_stable"].values
-    labelled: set[bool] = set()
-    for branch in np.unique(result["curve_branch"].values):
-        own = result["curve_branch"].values == branch
+    detuning, stable, number_of = (panel.page[f"curve_{name}"]
+                                   for name in ("detuning", "stable", "branch"))  # fmt: skip
+    for branch in np.unique(number_of):
+        own = number_of == branch
         for kind, dashes, text in ((1, "-", "average"), (0, DASHES[2], "average, unstable")):
             shown = np.where(stable[own] == kind, values[own], np.nan)
-            if np.isnan(shown).all():
-                continue
-            axes.plot(
-                detuning[own], shown, color=LINKS[0], linestyle=dashes,
-                label=None if kind in labelled else text,
-            )  # fmt: skip
-            labelled.add(bool(kind))
+            if not np.isnan(shown).all():
+                panel.curve(detuning[own], shown, text, color=LINKS[0], ls=dashes)
 
 
 def waveform(result: Result) -> Figure:
@@ -150,52 +99,33 @@ def waveform(result: Result) -> Figure:
 
     Dashed: the harmonic field, and the stretch in it.
     """
-    drawn = sheet(7.1, 5.4, 5.8)
-    rows = drawn.subplots(4, sharex=True, height_ratios=(2, 2, 2, 0.6))
-    time = result["instant"].values
-    for axes, name in zip(rows, ("field", "stretch"), strict=False):
-        other = result[f"{name}_harmonic"].values
-        axes.plot(time, result[name].values, color="black", label="best")
-        axes.plot(time, other, color=GREY, lw=1, linestyle=DASHES[1], label="harmonic")
-        legend(axes, [*axes.get_lines()])
-    rows[0].set_ylabel(label("field $G$", result["field"].unit))
-    rows[1].set_ylabel(label("stretch $x_1 - x_0$", result["stretch"].unit))
-    for mass, velocity in enumerate(result["velocity"].values):
-        rows[2].plot(time, velocity, color=MASSES[mass], linestyle=DASHES[mass])
-    rows[2].axhline(needed(result, "speed"), color=GREY, lw=1, linestyle=":")
-    entries = handles("mass", len(result["velocity"].values), worm=False)
-    for entry, dashes in zip(entries, DASHES, strict=False):
-        entry.set_linestyle(dashes)
-    legend(rows[2], [*entries, line("mean velocity", GREY, ":", 1)])
-    rows[2].set_ylabel(label("velocity $v_i$", result["velocity"].unit))
-    _draw_modes(rows[3], result)
-    rows[3].set_xlabel(label("time $t$", result["instant"].unit))
-    tell(
-        drawn,
-        fact(result, "speed", "mean velocity"),
-        fact(result, "speed_harmonic", "in the harmonic field"),
-        fact(result, "gain", "gain"),
-    )
-    rows[0].margins(x=0)
-    drawn.align_ylabels()
-    return drawn
+    page = Page(result, 5.4, 5.8)
+    *upper, speeds, modes = page.rows(2, 2, 2, 0.6)
+    for panel, name, words in zip(upper, ("field", "stretch"), ("field $G$", "stretch $x_1 - x_0$"),
+                                  strict=True):  # fmt: skip
+        panel.curve("instant", name, "best", color="black", words=words)
+        panel.curve("instant", f"{name}_harmonic", "harmonic", color=GREY, lw=1, ls=DASHES[1])
+    for mass, values in enumerate(page["velocity"]):
+        speeds.curve("instant", values, f"mass {mass}", color=MASSES[mass], ls=DASHES[mass])
+    speeds.named("y", "velocity", "velocity $v_i$")
+    speeds.level("speed", "mean velocity", ls=":", lw=1)
+    _draw_modes(modes)
+    for panel in (*upper, speeds, modes):
+        panel.legend()
+    page.facts(speed="mean velocity", speed_harmonic="in the harmonic field", gain="gain")
+    return page.drawn
 
 
-def _draw_modes(axes: Axes, result: Result) -> None:
+def _draw_modes(panel: Panel) -> None:
     """One row per mass, filled while it rests or slides back."""
-    modes, times = np.array(needed(result, "mode_sequence")), needed(result, "phase_times")
-    spans = list(zip(times[:-1], np.diff(times), strict=True))
-    for mass in range(modes.shape[1]):
-        for mode, (_, colour) in _DOES.items():
-            bars = [span for span, m in zip(spans, modes[:, mass], strict=True) if m == mode]
-            axes.broken_barh(bars, (mass - 0.4, 0.8), color=colour, linewidth=0)
-    axes.set_yticks(range(modes.shape[1]), [str(m) for m in range(modes.shape[1])])
-    axes.set_ylabel("mass $i$")
-    axes.set_ylim(modes.shape[1] - 0.5, -0.5)
-    axes.grid(visible=False)
-    shown = [
-        Patch(color=colour, label=does)
-        for mode, (does, colour) in _DOES.items()
-        if np.any(modes == mode)
-    ]
-    legend(axes, shown)
+    sequence, times = np.array(panel.page["mode_sequence"]), panel.page["phase_times"]
+    spans = [*pairwise(times)]
+    for mode, (does, color) in _DOES.items():
+        for mass, modes in enumerate(sequence.T):
+            own = [span for span, m in zip(spans, modes, strict=True) if m == mode]
+            panel.bars(mass, own, color, 0.4)
+        if np.any(sequence == mode):
+            panel.entries.append(patch(does, color))
+    panel.ranks(sequence.shape[1], "mass $i$")
+    panel.axes.grid(visible=False)
+    panel.named("x", "instant")

@@ -176,8 +176,8 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
     """
 
     pictures: ClassVar = {
-        "peristalsis": "wormopt.systems.peristaltic.plots.anchored:peristalsis",
-        "animation": "wormopt.systems.peristaltic.plots.anchored:first_frame",
+        "peristalsis": "wormopt.systems.peristaltic.pictures:peristalsis",
+        "animation": "wormopt.systems.peristaltic.pictures:animation_of_anchors",
     }
     headline: ClassVar = ("speed", "advance", "period", "ceiling", "bound")
 

@@ -185,9 +185,9 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     """
 
     pictures: ClassVar = {
-        "drag_gait": "wormopt.systems.peristaltic.plots.drag:drag_gait",
-        "body": "wormopt.systems.peristaltic.plots.body:body",
-        "animation": "wormopt.systems.peristaltic.plots.body:first_frame",
+        "drag_gait": "wormopt.systems.peristaltic.pictures:drag_gait",
+        "body": "wormopt.systems.peristaltic.pictures:body",
+        "animation": "wormopt.systems.peristaltic.pictures:animation",
     }
     headline: ClassVar = ("distance", "distance_small", "wave_step", "segments_per_wave")
 

@@ -259,7 +259,7 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.peristaltic.plots.segment:{name}" for name in ("segment", "stroke")
+        name: f"wormopt.systems.peristaltic.pictures:{name}" for name in ("segment", "stroke")
     }
     headline: ClassVar = ("stroke", "stroke_loaded", "swelling", "moves", "normal_force")
 

@@ -254,9 +254,9 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     """
 
     pictures: ClassVar = {
-        "switching": "wormopt.systems.peristaltic.plots.switching:switching",
-        "body": "wormopt.systems.peristaltic.plots.body:body",
-        "animation": "wormopt.systems.peristaltic.plots.body:first_frame",
+        "switching": "wormopt.systems.peristaltic.pictures:switching",
+        "body": "wormopt.systems.peristaltic.pictures:body",
+        "animation": "wormopt.systems.peristaltic.pictures:animation",
     }
     headline: ClassVar = ("speed", "energy_per_distance", "time", "on_time", "on_start")
 

@@ -285,9 +285,9 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
     """
 
     pictures: ClassVar = {
-        "worm": "wormopt.systems.peristaltic.plots.worm:worm",
-        "course": "wormopt.systems.peristaltic.plots.worm:course",
-        "animation": "wormopt.systems.peristaltic.plots.worm:first_frame",
+        "worm": "wormopt.systems.peristaltic.pictures:worm",
+        "course": "wormopt.systems.peristaltic.pictures:course",
+        "animation": "wormopt.systems.peristaltic.pictures:animation_of_worm",
     }
     headline: ClassVar = ("advance", "advance_share", "speed", "against_wave", "slip")
 

@@ -109,7 +109,7 @@ class PlanarBlock(Study, kind="planar-block"):
     `failed` if the two routes disagree or energy is not balanced.
     """
 
-    pictures: ClassVar = {"block": "wormopt.systems.planar.plots.block:block"}
+    pictures: ClassVar = {"block": "wormopt.systems.planar.pictures:block"}
 
     block: Block = entry("the block")
     ground: EllipticGround | UnitGround = entry("ground under the block")

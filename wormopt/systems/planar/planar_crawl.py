@@ -81,9 +81,9 @@ class PlanarCrawl(Crawling, kind="planar-crawl"):
     """
 
     pictures: ClassVar = {
-        "crawl": "wormopt.systems.planar.plots.crawl:crawl",
-        "forces": "wormopt.systems.planar.plots.crawl:forces",
-        "animation": "wormopt.systems.planar.plots.bodies:first_frame",
+        "crawl": "wormopt.systems.planar.pictures:crawl",
+        "forces": "wormopt.systems.planar.pictures:crawl_forces",
+        "animation": "wormopt.systems.planar.pictures:animation",
     }
     headline: ClassVar = ("distance", "turn", "work", "speed", "stages")
 

@@ -193,8 +193,8 @@ class PlanarGaitDesign(Study, kind="planar-design"):
     """
 
     pictures: ClassVar = {
-        "planar_gait": "wormopt.systems.planar.plots.design:planar_gait",
-        "animation": "wormopt.systems.planar.plots.design:first_frame",
+        "planar_gait": "wormopt.systems.planar.pictures:planar_gait",
+        "animation": "wormopt.systems.planar.pictures:animation_of_gait",
     }
     headline: ClassVar = ("speed", "turn_rate", "work_per_distance", "duration")
 

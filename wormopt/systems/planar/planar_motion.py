@@ -350,9 +350,9 @@ class PlanarMotion(Study, kind="planar-motion"):
     """
 
     pictures: ClassVar = {
-        "plane": "wormopt.systems.planar.plots.plane:plane",
-        "forces": "wormopt.systems.planar.plots.plane:forces",
-        "animation": "wormopt.systems.planar.plots.bodies:first_frame",
+        "plane": "wormopt.systems.planar.pictures:plane",
+        "forces": "wormopt.systems.planar.pictures:motion_forces",
+        "animation": "wormopt.systems.planar.pictures:animation",
     }
     headline: ClassVar = ("distance", "turn", "actuator_work", "n_events")
 

@@ -230,8 +230,8 @@ class PlanarPath(Study, kind="planar-path"):
     """
 
     pictures: ClassVar = {
-        "path": "wormopt.systems.planar.plots.path:path",
-        "animation": "wormopt.systems.planar.plots.path:first_frame",
+        "path": "wormopt.systems.planar.pictures:path",
+        "animation": "wormopt.systems.planar.pictures:animation_of_path",
     }
 
     body: Body = entry("the worm")

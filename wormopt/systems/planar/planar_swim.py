@@ -115,9 +115,9 @@ class PlanarSwim(Study, kind="planar-swim"):
     """
 
     pictures: ClassVar = {
-        "swim": "wormopt.systems.planar.plots.swim:swim",
-        "heights": "wormopt.systems.planar.plots.swim:heights",
-        "animation": "wormopt.systems.planar.plots.swim:first_frame",
+        "swim": "wormopt.systems.planar.pictures:swim",
+        "heights": "wormopt.systems.planar.pictures:heights",
+        "animation": "wormopt.systems.planar.pictures:animation_of_stroke",
     }
     headline: ClassVar = ("distance", "turn", "efficiency", "action")
 

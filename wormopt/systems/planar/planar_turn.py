@@ -209,10 +209,10 @@ class PlanarTurn(Crawling, kind="planar-turn"):
     """
 
     pictures: ClassVar = {
-        "crawl": "wormopt.systems.planar.plots.crawl:crawl",
-        "turning": "wormopt.systems.planar.plots.turn:turning",
-        "forces": "wormopt.systems.planar.plots.crawl:forces",
-        "animation": "wormopt.systems.planar.plots.bodies:first_frame",
+        "crawl": "wormopt.systems.planar.pictures:crawl",
+        "turning": "wormopt.systems.planar.pictures:turning",
+        "forces": "wormopt.systems.planar.pictures:crawl_forces",
+        "animation": "wormopt.systems.planar.pictures:animation",
     }
     headline: ClassVar = ("heading_rate", "heading_rate_bound", "gap", "turn", "work")
 

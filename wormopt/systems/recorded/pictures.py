@@ -4,45 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from wormopt.errors import UnknownNameError
-from wormopt.plotting.parts import (
+from wormopt.pictures.page import Page, Panel
+from wormopt.pictures.style import (
     DASHES,
     GREY,
     LIMIT,
     LINKS,
     MASSES,
     RED,
-    ceilings,
-    draw_limits,
-    fact,
+    colours,
     few_decades,
-    handles,
     label,
-    legend,
-    legend_above,
-    legend_below,
     line,
     narrow,
-    needed,
     number,
     raised,
-    scalar,
-    shades,
-    sheet,
-    tell,
 )
 from wormopt.result import Result
 
-_BESIDE = 0.55  # share of the sheet's width for the bars; numbers are beside them
 _ABREAST, _PER_ROW = 3, 3  # runs and profiles side by side
 _MOST_SIGMA = 6.0  # larger residuals are drawn at the edge
 _BEST, _RANDOM = LINKS[0], GREY
@@ -56,39 +41,39 @@ _MOST = 2000  # number of readings that are drawn, the first ones
 def parameters(result: Result) -> Figure:
     """Draw every estimate with its relative interval, and its value in its own unit."""
     names, units = result.attributes["unknowns"], result.attributes["unknown_units"]
-    value, error = result["estimate"].values, result["standard_error"].values
-    ends = result["interval"].values
     count = len(names)
     height = 0.9 + 0.28 * count
-    drawn = sheet(7.1, height, height + 0.3)
-    axes = drawn.subplots()
-    scale = np.where(value != 0, np.abs(value), 1.0) / 100
-    low, high = ((ends[:, side] - value) / scale for side in (0, 1))
-    reach = 1.15 * max(
-        float(np.max(np.abs([low, high]), initial=0.0, where=np.isfinite([low, high]))), 1e-9
-    )
-    for k in range(count):
-        known = np.isfinite([low[k], high[k]]).all()
-        axes.plot(
-            np.clip([low[k], high[k]], -reach, reach), [k, k], color=MASSES[0],
-            linestyle="-" if known else LIMIT, marker="|" if known else "",
-        )  # fmt: skip
+    page = Page(result, height, height + 0.3)
+    panel, value, error = page.panel(), page["estimate"], page["standard_error"]
+    off = (page["interval"] - value[:, None]) / _percent(value)[:, None]
+    reach = 1.15 * max(float(np.abs(off[np.isfinite(off)]).max(initial=0.0)), 1e-9)
+    for k, ends in enumerate(off):
+        known = np.isfinite(ends).all()
+        panel.curve(np.clip(ends, -reach, reach), [k, k], color=MASSES[0],
+                    ls="-" if known else LIMIT, marker="|" if known else "")  # fmt: skip
         text = f"{number(value[k], _digits(value[k], error[k]))} ± {number(error[k], 2)}"
         text = text if np.isfinite(error[k]) else f"{number(value[k])}, not identifiable"
-        unit = raised(units[k])
-        axes.annotate(f"{text} {unit}", (1.01, k), xycoords=("axes fraction", "data"), va="center")
-    axes.plot(np.zeros(count), range(count), "o", color=MASSES[0], markersize=4)
-    axes.axvline(0.0, color=GREY, linewidth=0.6)
-    axes.set_xlim(-reach, reach)
-    axes.set_ylim(count - 0.5, -0.5)
-    axes.set_ylabel("parameter $p$")
-    axes.set_yticks(range(count), names, parse_math=False)
-    axes.set_xlabel(r"difference from the estimate, $(p - \hat p)/\hat p$ (%)")
-    legend_below(
-        drawn,
-        [line("estimate", MASSES[0], "", marker="o"), line("interval", MASSES[0], marker="|")],
-    )
-    return drawn
+        panel.axes.annotate(f"{text} {raised(units[k])}", (1.01, k), va="center",
+                            xycoords=("axes fraction", "data"))  # fmt: skip
+    panel.curve(np.zeros(count), range(count), marker="o", ls="", color=MASSES[0], ms=4)
+    panel.level(0.0, axis="x", ls="-", lw=0.6)
+    panel.axes.set_xlim(-reach, reach)
+    _list(panel, names)
+    panel.label(r"difference from the estimate, $(p - \hat p)/\hat p$ (%)")
+    return page.legend(line("estimate", MASSES[0], "", marker="o"),
+                       line("interval", MASSES[0], marker="|"))  # fmt: skip
+
+
+def _percent(value: np.ndarray) -> np.ndarray:
+    """A hundredth of each number; of 1 where it is 0."""
+    return np.where(value != 0, np.abs(value), 1.0) / 100
+
+
+def _list(panel: Panel, names: Sequence[str]) -> None:
+    """Name a row for each parameter."""
+    panel.axes.set_ylim(len(names) - 0.5, -0.5)
+    panel.axes.set_yticks(range(len(names)), names, parse_math=False)
+    panel.label(y="parameter $p$")
 
 
 def _digits(value: float, error: float) -> int:
@@ -102,23 +87,18 @@ def correlation(result: Result) -> Figure:
     """Draw the correlation of the errors of all pairs of parameters."""
     names, values = result.attributes["unknowns"], result["correlation"].values
     count = len(names)
-    drawn = sheet(7.1, 1.2 + 0.42 * count, 1.4 + 0.3 * count)
-    axes = drawn.subplots()
+    page = Page(result, 1.2 + 0.42 * count, 1.4 + 0.3 * count)
+    axes = page.panel().axes
     shown = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
-    for i in range(count if count <= (4 if narrow() else 16) else 0):
-        for j in range(count):
-            dark = abs(values[i, j]) > 0.6
-            text = f"{values[i, j]:.2f}".replace("-", "−")
-            axes.text(
-                j, i, text, ha="center", va="center", size=7, color="white" if dark else "black"
-            )
+    for i, j in np.ndindex(values.shape if count <= (4 if narrow() else 16) else (0, 0)):
+        axes.text(j, i, f"{values[i, j]:.2f}".replace("-", "−"), ha="center", va="center", size=7,
+                  color="white" if abs(values[i, j]) > 0.6 else "black")  # fmt: skip
     axes.set_xticks(range(count), names, rotation=90, parse_math=False)
     axes.set_yticks(range(count), names, parse_math=False)
-    axes.set_xlabel("parameter $p_j$ (its error)")
-    axes.set_ylabel("parameter $p_i$")
+    page.panels[0].label("parameter $p_j$ (its error)", "parameter $p_i$")
     axes.grid(visible=False)
-    drawn.colorbar(shown, ax=axes, label="correlation of errors", fraction=0.05)
-    return drawn
+    page.drawn.colorbar(shown, ax=axes, label="correlation of errors", fraction=0.05)
+    return page.drawn
 
 
 # -- fits of recordings ----------------------------------------------------------------------------
@@ -126,14 +106,10 @@ def correlation(result: Result) -> Figure:
 
 def recordings(result: Result) -> Figure:
     """Draw readings and fit of every fitted run, and residuals over the noise below."""
-    drawn = _panels(result, [k for k, use in enumerate(result.attributes["uses"]) if use == "fit"])
-    tell(
-        drawn,
-        fact(result, "n_readings", "readings"),
-        fact(result, "n_unknowns", "unknowns"),
-        fact(result, "chi2_per_reading", "χ² per reading"),
-    )
-    return drawn
+    runs = [k for k, use in enumerate(result.attributes["uses"]) if use == "fit"]
+    page = _panels(result, runs, "fit", "residual\nover noise")
+    page.facts(n_readings="readings", n_unknowns="unknowns", chi2_per_reading="χ² per reading")
+    return page.drawn
 
 
 def prediction(result: Result) -> Figure:
@@ -141,109 +117,84 @@ def prediction(result: Result) -> Figure:
     aside = [k for k, use in enumerate(result.attributes["uses"]) if use == "predict"]
     if not aside:
         raise UnknownNameError("the result", "held-out run", ["predict"], [])
-    drawn = _panels(result, aside, ahead=True)
-    tell(
-        drawn,
-        fact(result, "prediction_coverage", "in the band", "%"),
-        fact(result, "prediction_chi2", "χ² over its expectation"),
-    )
-    return drawn
+    page = _panels(result, aside, "prediction with its 95 % band", "residual\nover band")
+    page.facts(prediction_coverage=("in the band", "%"), prediction_chi2="χ² over its expectation")
+    return page.drawn
 
 
-def _panels(result: Result, runs: Sequence[int], *, ahead: bool = False) -> Figure:
-    shown, signals = list(runs)[:_ABREAST], _signals(result, runs)
+def _panels(result: Result, runs: Sequence[int], computed: str, below: str) -> Page:
+    """A column for each of the first runs: each signal, and its residuals below."""
+    shown = list(runs)[:_ABREAST]
+    signals = [name for name in result.attributes["signals"]
+               if np.isfinite(result[f"recorded_{name}"].values[list(runs)]).any()]  # fmt: skip
     height = 0.6 + 2.5 * len(signals)
-    drawn = sheet(7.1, height, height + 0.9)
-    rows = drawn.subplots(
-        2 * len(signals), len(shown), sharex="col", squeeze=False,
-        height_ratios=[2.2, 1.0] * len(signals),
-    )  # fmt: skip
-    most = max(result[f"recorded_{name}"].values.shape[1] for name in signals)
-    colours = shades(MASSES, most)
-    for row, name in enumerate(signals):
+    page = Page(result, height, height + 0.9)
+    rows = page.grid(2 * len(signals), len(shown), sharex="col",
+                     height_ratios=[2.2, 1.0] * len(signals))  # fmt: skip
+    most = max(page[f"recorded_{name}"].shape[1] for name in signals)
+    for upper, lower, name in zip(rows[::2], rows[1::2], signals, strict=True):
         for column, run in enumerate(shown):
-            upper, lower = rows[2 * row : 2 * row + 2, column]
-            _draw_signal(upper, lower, result, name, run, colours)
-            if column == 0:
-                words = name.replace("_", " ")
-                upper.set_ylabel(label(words, result[f"recorded_{name}"].unit))
-                lower.set_ylabel("residual\nover band" if ahead else "residual\nover noise")
+            _draw_signal(upper[column], lower[column], name, run, colours("mass", most))
+        upper[0].label(y=name.replace("_", " "), of=f"recorded_{name}")
+        lower[0].label(y=below)
     for column, run in enumerate(shown):
-        rows[0, column].set_title(result.attributes["runs"][run], parse_math=False)
-        rows[-1, column].set_xlabel(label("time $t$", result["recorded_time"].unit))
-    text = "prediction with its 95 % band" if ahead else "fit"
-    entries = [line("reading", GREY, "", marker="."), line(text, GREY)]
-    entries += [line(f"entry {k}", colour) for k, colour in enumerate(colours)] if most > 1 else []
-    legend_below(drawn, entries)
-    drawn.align_ylabels()
-    return drawn
+        rows[0][column].axes.set_title(result.attributes["runs"][run], parse_math=False)
+        rows[-1][column].label("time $t$", of="recorded_time")
+    entries = [line("reading", GREY, "", marker="."), line(computed, GREY)]
+    entries += [line(f"entry {k}", color) for k, color in enumerate(colours("mass", most))
+                if most > 1]  # fmt: skip
+    page.legend(*entries)
+    return page
 
 
-def _signals(result: Result, runs: Sequence[int]) -> list[str]:
-    return [
-        name
-        for name in result.attributes["signals"]
-        if np.isfinite(result[f"recorded_{name}"].values[list(runs)]).any()
-    ]
-
-
-def _draw_signal(
-    upper: Axes, lower: Axes, result: Result, name: str, run: int, colours: Sequence[str]
-) -> None:
-    time = result["recorded_time"].values[run]
+def _draw_signal(upper: Panel, lower: Panel, name: str, run: int, own: Sequence[str]) -> None:
+    page = upper.page
+    time = page["recorded_time"][run]
     read, fitted, left = (
-        result[f"{what}_{name}"].values[run] for what in ("recorded", "fitted", "residual")
+        page[f"{what}_{name}"][run] for what in ("recorded", "fitted", "residual")
     )
-    for k, colour in enumerate(colours[: len(read)]):
-        upper.plot(time, read[k], ".", color=colour, markersize=2.5, alpha=0.5)
-        upper.plot(time, fitted[k], color=colour, linewidth=1.0)
-        if f"band_{name}" in result:
-            band = 1.96 * result[f"band_{name}"].values[run, k]
-            upper.fill_between(
-                time, fitted[k] - band, fitted[k] + band, color=colour, alpha=0.25, linewidth=0
-            )
+    for k, color in enumerate(own[: len(read)]):
+        upper.curve(time, read[k], ls="", marker=".", color=color, ms=2.5, alpha=0.5)
+        upper.curve(time, fitted[k], color=color, lw=1.0)
+        if f"band_{name}" in page:
+            band = 1.96 * page[f"band_{name}"][run, k]
+            upper.band(time, fitted[k] - band, fitted[k] + band, color=color)
         inside = np.clip(left[k], -_MOST_SIGMA, _MOST_SIGMA)
-        lower.plot(time, inside, ".", color=colour, markersize=2)
+        lower.curve(time, inside, ls="", marker=".", color=color, ms=2)
     for level in (-2.0, 2.0):
-        lower.axhline(level, color=GREY, linestyle=LIMIT, linewidth=0.8)
-    upper.margins(x=0)
+        lower.level(level)
+    upper.axes.margins(x=0)
 
 
 def profiles(result: Result) -> Figure:
     """Draw the rise of the cost as each parameter is held at other values."""
     names, units = result.attributes["unknowns"], result.attributes["unknown_units"]
-    values, rises = result["profile_value"].values, result["profile_rise"].values
-    threshold: Any = needed(result, "profile_threshold")
     abreast = min(len(names), 2 if narrow() else _PER_ROW)
     rows = -(-len(names) // abreast)
     height = 0.5 + 1.7 * rows
-    drawn = sheet(7.1, height, height + 0.6)
-    panels = drawn.subplots(rows, abreast, squeeze=False, sharey=True)
-    for k, axes in enumerate(panels.flat):
+    page = Page(result, height, height + 0.6)
+    panels = [panel for row in page.grid(rows, abreast, sharey=True) for panel in row]
+    values, threshold = page["profile_value"], page["profile_threshold"]
+    for k, panel in enumerate(panels):
         if k >= len(names):
-            axes.set_visible(False)
+            panel.axes.set_visible(False)
             continue
-        axes.plot(values[k], rises[k], color=MASSES[0], marker=".", markersize=4)
-        error, best = result["standard_error"].values[k], result["estimate"].values[k]
+        panel.curve(values[k], page["profile_rise"][k], color=MASSES[0], marker=".", ms=4)
+        error, best = page["standard_error"][k], page["estimate"][k]
         if np.isfinite(error) and error > 0:
             fine = np.linspace(np.nanmin(values[k]), np.nanmax(values[k]), 101)
-            axes.plot(fine, ((fine - best) / error) ** 2, color=GREY, linestyle=LIMIT, linewidth=1)
-        axes.axhline(threshold, color=GREY, linestyle=":", linewidth=1)
-        axes.set_ylim(0.0, 1.6 * threshold)
-        axes.xaxis.set_major_locator(MaxNLocator(2 if narrow() else 3))
-        unit = raised(units[k])
-        axes.set_xlabel(f"$p$: {names[k]} ({unit or 1})".replace("_", " "))
-    for axes in panels[:, 0]:
-        axes.set_ylabel("rise of $\\chi^2$")
-    legend_below(
-        drawn,
-        [
-            line("profile", MASSES[0], marker="."),
-            line("from the curvature at the best fit", GREY, LIMIT, 1),
-            line("threshold", GREY, ":", 1),
-        ],
+            panel.curve(fine, ((fine - best) / error) ** 2, color=GREY, ls=LIMIT, lw=1)
+        panel.level(threshold, ls=":", lw=1)
+        panel.axes.set_ylim(0.0, 1.6 * threshold)
+        panel.axes.xaxis.set_major_locator(MaxNLocator(2 if narrow() else 3))
+        panel.label(f"$p$: {names[k]} ({raised(units[k]) or 1})".replace("_", " "))
+    for panel in panels[::abreast]:
+        panel.label(y=r"rise of $\chi^2$")
+    return page.legend(
+        line("profile", MASSES[0], marker="."),
+        line("from the curvature at the best fit", GREY, LIMIT, 1),
+        line("threshold", GREY, ":", 1),
     )
-    return drawn
 
 
 # -- fits of single numbers ------------------------------------------------------------------------
@@ -253,46 +204,37 @@ def measurements(result: Result) -> Figure:
     """Draw measurements with two standard deviations, and computed values before and after."""
     names, uses = result.attributes["measurements"], np.array(result.attributes["uses"])
     key = result.attributes["changed_key"]
-    drawn = sheet(7.1, 3.6, 4.2)
-    axes = drawn.subplots()
-    x = result["changed"].values if key else np.arange(len(names))
-    measured, deviation = result["measured"].values, result["deviation"].values
-    for use, marker in (("fit", "o"), ("predict", "s")):
-        own = uses == use
-        axes.errorbar(
-            x[own], measured[own], 2 * deviation[own], fmt=marker, color=MASSES[0], capsize=3,
-            markersize=5, fillstyle="full" if use == "fit" else "none",
-        )  # fmt: skip
-    axes.plot(x, result["at_start"].values, "x", color=GREY, markersize=6)
-    axes.plot(x, result["fitted"].values, "D", color=RED, markersize=5, fillstyle="none")
+    page = Page(result, 3.6, 4.2)
+    panel, axes = page.panel(), page.panels[0].axes
+    x = page["changed"] if key else np.arange(len(names))
+    for use, marker, text in (("fit", "o", "measured, ± 2 standard deviations"),
+                              ("predict", "s", "held out")):  # fmt: skip
+        own, face = uses == use, None if use == "fit" else "none"
+        if own.any():
+            axes.errorbar(x[own], page["measured"][own], 2 * page["deviation"][own], fmt=marker,
+                          color=MASSES[0], capsize=3, ms=5, mfc=face)  # fmt: skip
+            panel.entry(text, MASSES[0], "", marker=marker, mfc=face)
+    for name, marker, size, color, text in (
+        ("at_start", "x", 6, GREY, "computed at the start"),
+        ("fitted", "D", 5, RED, "computed with the estimates"),
+    ):
+        style = {"marker": marker, "ls": "", "color": color, "mfc": "none"}
+        panel.curve(x, page[name], ms=size, **style)
+        panel.entry(text, **style)
     if key:
-        axes.set_xlabel(f"key $q$ ({key})".replace("_", " "))
+        panel.label(f"key $q$ ({key})".replace("_", " "))
         if x.min() > 0 and x.max() > 8 * x.min():
             axes.set_xscale("log")
             if not narrow():
                 few_decades(axes.xaxis)
     else:
         axes.set_xticks(x, names, rotation=20, ha="right", parse_math=False)
-    axes.set_ylabel(_of(result))
-    entries = [line("measured, ± 2 standard deviations", MASSES[0], "", marker="o")]
-    if "predict" in uses:
-        entries.append(line("held out", MASSES[0], "", marker="s"))
-    entries += [line("computed at the start", GREY, "", marker="x")]
-    entries += [line("computed with the estimates", RED, "", marker="D")]
-    for entry in entries[1:]:
-        entry.set_fillstyle("none")
-    legend_below(drawn, entries)
-    tell(drawn, fact(result, "n_measurements", "measurements"), fact(result, "n_runs", "runs"))
-    return drawn
-
-
-def _of(result: Result) -> str:
-    """Name and unit of the measured scalar, if there is only one."""
-    names, units = (set(result.attributes[key]) for key in ("scalars", "scalar_units"))
-    if len(names) > 1:
-        return "measured numbers"
-    unit = units.pop()
-    return names.pop().replace("_", " ") + (f" ({raised(unit)})" if unit != "1" else "")
+    # all may measure one scalar
+    told, units = (set(result.attributes[key]) for key in ("scalars", "scalar_units"))
+    panel.label(y="measured numbers" if len(told) > 1 else
+                label(told.pop().replace("_", " "), units.pop()))  # fmt: skip
+    page.facts(n_measurements="measurements", n_runs="runs")
+    return page.legend()
 
 
 # -- planned experiments ---------------------------------------------------------------------------
@@ -300,124 +242,80 @@ def _of(result: Result) -> str:
 
 def course(result: Result) -> Figure:
     """Draw the chosen inputs, and the limited and measured signals of the motion."""
-    moved = [name for name in result.attributes["courses"] if _moves(result, f"course_{name}")]
-    shown = [f"course_{name}" for name in moved]
-    shown += [name for name in result.attributes["limits"] if name not in shown]
-    shown += [name for name in ("position",) if name in result and name not in shown]
-    drawn = sheet(7.1, 1.0 + 1.5 * len(shown), 1.0 + 1.7 * len(shown))
-    rows = np.atleast_1d(drawn.subplots(len(shown), sharex=True))
-    time = result["time"]
-    for axes, name in zip(rows, shown, strict=True):
-        values = result[name].values
-        colours = MASSES if name == "position" else LINKS
-        for k, row in enumerate(values):
-            axes.plot(
-                time.values,
-                row,
-                color=colours[k],
-                linestyle=DASHES[k % len(DASHES)],
-                label=f"[{k}]",
-            )
+    inputs = [f"course_{name}" for name in result.attributes["courses"]]
+    shown = [name for name in inputs if np.ptp(result[name].values, axis=1).any()]
+    limits = result.attributes["limits"]
+    shown += [name for name in limits if name not in shown]
+    shown += ["position"] if "position" in result and "position" not in shown else []
+    page = Page(result, 1.0 + 1.5 * len(shown), 1.0 + 1.7 * len(shown))
+    for panel, name in zip(page.rows(*[1] * len(shown)), shown, strict=True):
         words = name.removeprefix("course_").replace("_", " ")
-        words = f"{words}, chosen" if name.startswith("course_") else words
-        axes.set_ylabel(label(words, result[name].unit))
-        for edge in _limits(result, name):
-            axes.axhline(edge, color=GREY, lw=1, linestyle=":")
-        if len(values) > 1:
-            legend_above(axes, [*axes.get_lines()[: len(values)]])
-    rows[-1].set_xlabel(label("time $t$", time.unit))
-    rows[0].margins(x=0)
-    drawn.align_ylabels()
-    tell(
-        drawn,
-        fact(result, "shrinkage", "confidence region smaller than after the best random run by"),
-    )
-    return drawn
+        panel.label(y=words + ", chosen" * (words != name.replace("_", " ")), of=name)
+        what = "mass" if name == "position" else "link"
+        several = len(page[name]) > 1
+        panel.curves("time", name, what=what, worm=False, legend=several)
+        for edge in limits.get(name, ()):
+            if isinstance(edge, float):
+                panel.level(edge, ls=":", lw=1)
+        if several:
+            panel.legend(above=0.9)
+    page.facts(shrinkage="confidence region smaller than after the best random run by")
+    return page.drawn
 
 
 def errors(result: Result) -> Figure:
     """Draw expected relative standard errors: before, after the planned run and random ones."""
-    names = result.attributes["unknowns"]
-    size = np.where(result["value"].values != 0, np.abs(result["value"].values), 1.0) / 100
-    drawn = sheet(7.1, 1.3 + 0.42 * len(names))
-    axes = drawn.subplots()
-    rivals = result["rival_error"].values / size
-    before, after = (result[name].values / size for name in ("error_before", "error"))
-    for k in range(len(names)):
-        axes.plot(rivals[:, k], np.full(len(rivals), k), "|", color=_RANDOM, markersize=9)
-        axes.plot(rivals[0, k], k, "s", color=_RANDOM, markersize=5)
-        if np.isfinite(before[k]):
-            axes.plot(before[k], k, "o", color="black", markerfacecolor="white", markersize=6)
-        axes.plot(after[k], k, "o", color=_BEST, markersize=6)
-    axes.set_xscale("log")
-    wanted = result.attributes["wanted"]
-    labels = [name if name in wanted else f"{name} (not wanted)" for name in names]
-    axes.set_yticks(range(len(names)), labels, parse_math=False)
-    axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_ylabel("parameter $p$")
-    axes.set_xlabel(r"standard error $\sigma_p/|\hat p|$ (%)")
-    entries = [
-        line("after the planned run", _BEST, "", marker="o"),
-        line("after the best random run", _RANDOM, "", marker="s"),
-        line("after random runs", _RANDOM, "", marker="|"),
-    ]
-    if np.isfinite(before).any():
-        entries.append(line("known before", "black", "", marker="o"))
-        entries[-1].set_markerfacecolor("white")
-    legend_below(drawn, entries)
-    return drawn
+    names, wanted = result.attributes["unknowns"], result.attributes["wanted"]
+    page = Page(result, 1.3 + 0.42 * len(names))
+    panel, rows = page.panel(), np.arange(len(names))
+    size = _percent(page["value"])
+    rivals, before = page["rival_error"] / size, page["error_before"] / size
+    for values in rivals:
+        panel.curve(values, rows, ls="", marker="|", color=_RANDOM, ms=9)
+    panel.curve(rivals[0], rows, ls="", marker="s", color=_RANDOM, ms=5)
+    known = np.isfinite(before)
+    panel.curve(before[known], rows[known], ls="", marker="o", color="black", mfc="white", ms=6)
+    panel.curve(page["error"] / size, rows, ls="", marker="o", color=_BEST, ms=6)
+    panel.axes.set_xscale("log")
+    _list(panel, [name if name in wanted else f"{name} (not wanted)" for name in names])
+    panel.label(r"standard error $\sigma_p/|\hat p|$ (%)")
+    panel.entry("after the planned run", _BEST, "", marker="o")
+    panel.entry("after the best random run", _RANDOM, "", marker="s")
+    panel.entry("after random runs", _RANDOM, "", marker="|")
+    if known.any():
+        panel.entry("known before", "black", "", marker="o", mfc="white")
+    return page.legend()
 
 
 def regions(result: Result) -> Figure:
     """Draw 95 % confidence regions of pairs of wanted parameters."""
-    names, wanted = result.attributes["unknowns"], result.attributes["wanted"]
-    pairs = [*combinations([names.index(name) for name in wanted], 2)][:_PAIRS]
+    names, units = result.attributes["unknowns"], result.attributes["unknown_units"]
+    wanted = [names.index(name) for name in result.attributes["wanted"]]
+    pairs = [*combinations(wanted, 2)][:_PAIRS]
     if not pairs:
         return errors(result)
     across = min(1 if narrow() else 3, len(pairs))
     down = -(-len(pairs) // across)
-    drawn = sheet(max(2.6 * across, 4.0) + 0.3, 2.6 * down + 0.7)
-    for axes, pair in zip(
-        np.ravel(drawn.subplots(down, across, squeeze=False)), pairs, strict=False
-    ):
-        _draw_regions(axes, result, pair)
-    for axes in drawn.axes[len(pairs) :]:
-        axes.set_axis_off()
-    legend_below(
-        drawn,
-        [line("after the planned run", _BEST), line("after the best random run", _RANDOM, "--")],
-    )
-    return drawn
-
-
-def _draw_regions(axes: Axes, result: Result, pair: tuple[int, int]) -> None:
+    scale = 7.1 / (max(2.6 * across, 4.0) + 0.3)
+    page = Page(result, scale * (2.6 * down + 0.7))
+    panels = [panel for row in page.grid(down, across) for panel in row]
     turn = np.linspace(0.0, 2 * np.pi, 181)
     circle = _SURE * np.array([np.cos(turn), np.sin(turn)])
-    names, units = result.attributes["unknowns"], result.attributes["unknown_units"]
-    value = result["value"].values[list(pair)]
-    for name, colour, dashes in (
-        ("covariance_random", _RANDOM, "--"),
-        ("covariance", _BEST, "-"),
-    ):
-        inner = result[name].values[np.ix_(pair, pair)]
-        if np.isfinite(inner).all():
-            ring = value[:, None] + np.linalg.cholesky(inner) @ circle
-            axes.plot(*ring, color=colour, linestyle=dashes)
-    axes.plot(*value, "+", color="black", markersize=5)
-    labels = [f"$p$: {names[k]} ({units[k] or 1})".replace("_", " ") for k in pair]
-    axes.set_xlabel(labels[0])
-    axes.set_ylabel(labels[1])
-    axes.locator_params(nbins=3)
-
-
-def _moves(result: Result, name: str) -> bool:
-    return bool(np.ptp(result[name].values, axis=1).any())
-
-
-def _limits(result: Result, name: str) -> list[float]:
-    """Limits of a signal along the motion, from the scene."""
-    limits = result.attributes.get("limits", {}).get(name, ())
-    return [edge for edge in limits if isinstance(edge, float)]
+    for panel, pair in zip(panels, pairs, strict=False):
+        value = page["value"][list(pair)]
+        for name, color, dashes in (("covariance_random", _RANDOM, "--"),
+                                    ("covariance", _BEST, "-")):  # fmt: skip
+            inner = page[name][np.ix_(pair, pair)]
+            if np.isfinite(inner).all():
+                ring = value[:, None] + np.linalg.cholesky(inner) @ circle
+                panel.curve(*ring, color=color, ls=dashes)
+        panel.curve(*value, marker="+", color="black")
+        panel.label(*(f"$p$: {names[k]} ({units[k] or 1})".replace("_", " ") for k in pair))
+        panel.axes.locator_params(nbins=3)
+    for panel in panels[len(pairs) :]:
+        panel.axes.set_axis_off()
+    return page.legend(line("after the planned run", _BEST),
+                       line("after the best random run", _RANDOM, "--"))  # fmt: skip
 
 
 # -- gaits for fitted worms ------------------------------------------------------------------------
@@ -428,29 +326,25 @@ def forces(result: Result) -> Figure:
 
     Needs ``reading_time``, ``reading_run``, ``read_force`` and ``fitted_force``.
     """
-    first = np.flatnonzero(result["reading_run"].values == result["reading_run"].values[0])[:_MOST]
-    time, read = result["reading_time"].values[first], result["read_force"].values[:, first]
-    fitted = result["fitted_force"].values[:, first]
-    drawn = sheet(7.1, 4.4, 4.4)
-    above, below = drawn.subplots(2, sharex=True, height_ratios=(2, 1))
-    for j, colour in enumerate(shades(LINKS, len(read))):
-        above.plot(time, read[j], ".", color=colour, markersize=1.5, alpha=0.6)
-        above.plot(time, fitted[j], color="black", linewidth=0.7, zorder=3)
-        below.plot(time, read[j] - fitted[j], ".", color=colour, markersize=1.5, alpha=0.6)
-    below.axhline(0.0, color="black", linewidth=0.7)
-    unit = result["read_force"].unit
-    above.set_ylabel(label("actuator force $\\mu_j$", unit))
-    below.set_ylabel(label("reading − fit", unit))
-    below.set_xlabel(label("time $t$", result["reading_time"].unit))
-    legend(above, [*handles("link", len(read)), line("fit", "black", width=0.7)])
-    tell(
-        drawn,
-        fact(result, "load_found"),
-        fact(result, "load_error", "standard error"),
-        fact(result, "drag_found"),
-    )
-    drawn.align_ylabels()
-    return drawn
+    page = Page(result, 4.4, 4.4)
+    above, below = page.rows(2, 1)
+    first = np.flatnonzero(page["reading_run"] == page["reading_run"][0])[:_MOST]
+    time = page["reading_time"][first]
+    read, fitted = (page[name][:, first] for name in ("read_force", "fitted_force"))
+    for j, color in enumerate(colours("link", len(read))):
+        dots = {"ls": "", "marker": ".", "color": color, "ms": 1.5, "alpha": 0.6}
+        above.curve(time, read[j], **dots)
+        above.curve(time, fitted[j], color="black", lw=0.7, zorder=3)
+        below.curve(time, read[j] - fitted[j], **dots)
+        above.entry(f"link {j}", color, DASHES[j % 4])
+    below.level(0.0, color="black", ls="-", lw=0.7)
+    above.label(y=r"actuator force $\mu_j$", of="read_force")
+    below.label(y="reading − fit", of="read_force")
+    below.label("time $t$", of="reading_time")
+    above.entry("fit", "black", lw=0.7)
+    above.legend()
+    page.facts(load_found="", load_error="standard error", drag_found="")
+    return page.drawn
 
 
 def loads(result: Result) -> Figure:
@@ -459,53 +353,35 @@ def loads(result: Result) -> Figure:
     Needs ``band_time``, ``band_load``, ``band_error``. With a plant, it also needs ``plant_time``
     and the like, and shows the gait that assumes exact estimates.
     """
-    limit = scalar(result, "spike_load_limit")
+    limit = result.scalars["spike_load_limit"].value if "spike_load_limit" in result else None
     alike = [limit] if isinstance(limit, float) else []
     tall = 1.9 * len(alike)
-    drawn = sheet(7.1, 3.6 + tall, 4.0 + tall)
-    rows = 1 + len(alike)
-    panels = drawn.subplots(rows, sharex=True, squeeze=False, height_ratios=(2, 1)[:rows])
-    entries: list[Artist] = []
-    for axes in panels[:, 0]:
-        entries = _draw_loads(axes, result)
-        entries += draw_limits(axes, ceilings(limit, 1)[:1], [GREY])
-        axes.set_ylabel(label("load of a\nresting spike", result["band_load"].unit))
-        axes.margins(x=0)
-    panels[0, 0].set_ylim(bottom=0.0)
-    for most in alike:
-        room = float(result["band_error"].values.max())
-        panels[1, 0].set_ylim(most - 4 * room, most + room)
-        panels[1, 0].set_ylabel(label("load near\nthe limit", result["band_load"].unit))
-    panels[-1, 0].set_xlabel(label("time $t$ in a cycle", result["band_time"].unit))
-    drawn.align_ylabels()
-    legend_below(drawn, entries)
-    tell(
-        drawn,
-        fact(result, "plant_share", "speed over that of the gait designed with true parameters"),
-        fact(result, "plant_spike_load_max", "largest load on the plant"),
-    )
-    return drawn
+    page = Page(result, 3.6 + tall, 4.0 + tall)
+    whole, *near = page.rows(*(2, 1)[: 1 + len(alike)])
+    for panel in (whole, *near):
+        _draw_loads(panel)
+        panel.limits([(each,) for each in (limit if isinstance(limit, list) else alike)][:1])
+    whole.label(y="load of a resting spike", of="band_load")
+    whole.axes.set_ylim(bottom=0.0)
+    for panel in near:
+        space = float(page["band_error"].max())
+        panel.axes.set_ylim(alike[0] - 4 * space, alike[0] + space)
+        panel.label(y="load near the limit", of="band_load")
+    (near or [whole])[-1].named("x", "band_time", "time $t$ in a cycle")
+    page.facts(plant_share="speed over that of the gait designed with true parameters",
+               plant_spike_load_max="largest load on the plant")  # fmt: skip
+    return page.legend()
 
 
-def _draw_loads(axes: Axes, result: Result) -> list[Artist]:
-    """Draw band and curves; returns their legend entries."""
-    time, load = result["band_time"].values, result["band_load"].values
-    error, colour = result["band_error"].values, LINKS[0]
-    axes.fill_between(time, load - error, load + error, color=colour, alpha=0.25, linewidth=0)
-    axes.plot(time, load, color=colour)
-    entries: list[Artist] = [
-        line("with the estimates", colour),
-        Patch(color=colour, alpha=0.25, label="for all parameters in the ellipsoid"),
-    ]
-    if "plant_share" in result.scalars:
-        plant, bold = (
-            [result[f"{name}_{what}"].values for what in ("time", "load")]
-            for name in ("plant", "bold")
-        )
-        axes.plot(*plant, color="black", linestyle=DASHES[1], linewidth=1)
-        axes.plot(*bold, color=RED, linewidth=0.8)
-        entries += [
-            line("on the plant", "black", DASHES[1], 1),
-            line("on the plant, gait that assumes exact estimates", RED, width=0.8),
-        ]
-    return entries
+def _draw_loads(panel: Panel) -> None:
+    page = panel.page
+    time, load, error = (page[f"band_{name}"] for name in ("time", "load", "error"))
+    panel.curve(time, load, "with the estimates", color=LINKS[0])
+    panel.band(time, load - error, load + error, "for all parameters in the ellipsoid",
+               color=LINKS[0])  # fmt: skip
+    if "plant_share" in page.result.scalars:
+        panel.curve(page["plant_time"], page["plant_load"], "on the plant", color="black",
+                    ls=DASHES[1], lw=1)  # fmt: skip
+        text = "on the plant, gait that assumes exact estimates"
+        panel.curve(page["bold_time"], page["bold_load"], text, color=RED, lw=0.8)
+    panel.axes.margins(x=0)

@@ -1,6 +1,11 @@
 """Pictures of gaits, designs, fronts, proofs and steps.
 
 Times appear twice where something jumps, so lines draw the jumps.
+
+Limits are scalars of a result, or attributes, that may be missing: ``length_limits`` ([low, high]
+or one such pair per link), ``rate_limit`` (a number, one per link, or [contraction, extension]
+with one list each), ``acceleration_limit`` and ``actuator_force_limit`` (a number or one per
+link), ``spike_load_limit`` (a number or one per mass).
 """
 
 from __future__ import annotations
@@ -8,43 +13,24 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
-from wormopt.plotting.parts import (
+from wormopt.pictures.page import Animation, Page, Panel
+from wormopt.pictures.style import (
     DASHES,
     GLIDE,
     GREY,
     LIMIT,
     LINKS,
-    MASSES,
     RED,
-    ceilings,
-    draw_limits,
-    draw_rests,
-    fact,
-    handles,
-    label,
-    legend,
-    legend_below,
+    colours,
     line,
     narrow,
-    needed,
     number,
+    patch,
     raised,
-    ranges,
-    rate_ranges,
-    scalar,
-    shades,
-    sheet,
     stretches,
-    styles,
-    symmetric,
-    tell,
-    wrapped,
 )
 from wormopt.result import Result
 
@@ -63,51 +49,52 @@ def gait(result: Result) -> Figure:
 
     Needs ``time``, ``resting``, ``length``, ``rate``, ``acceleration``. Glides are shaded.
     """
-    masses, links = len(result["resting"].values), len(result["length"].values)
-    heights = (2.0, 1.4, 1.4, 0.25 + 0.12 * masses)
-    drawn = sheet(7.1, 0.5 + sum(heights), 1.1 + 0.75 * sum(heights))
-    panels = drawn.subplots(4, sharex=True, height_ratios=heights)
-    for axes, name, text, limits in zip(
+    heights = (2.0, 1.4, 1.4, 0.25 + 0.12 * len(result["resting"].values))
+    page = Page(result, 0.5 + sum(heights), 1.1 + 0.75 * sum(heights))
+    *panels, rests = page.rows(*heights)
+    for panel, name, text in zip(
         panels,
         ("length", "rate", "acceleration"),
         ("link length $l_j$", r"rate $\dot l_j$", r"acceleration $\ddot l_j$"),
-        (
-            ranges(scalar(result, "length_limits"), links),
-            rate_ranges(scalar(result, "rate_limit"), links),
-            symmetric(scalar(result, "acceleration_limit"), links),
-        ),
-        strict=False,
+        strict=True,
     ):
-        _draw_links(axes, result, name, text)
-        limit_lines = draw_limits(axes, limits, shades(LINKS, links))
-        if axes is panels[0]:
-            legend(axes, [*handles("link", links), *limit_lines])
-    draw_rests(panels[-1], result["time"].values, result["resting"].values.astype(bool))
-    panels[-1].set_xlabel(label("time $t$", result["time"].unit))
-    tell(drawn, *_cycle(result), _fastest(result))
-    drawn.align_ylabels()
-    return _tell_knee(drawn, result)
+        panel.curves("time", name, words=text)
+        panel.limits(_limits(page, f"{name}_limits" if name == "length" else f"{name}_limit", name))
+    panels[0].legend()
+    rests.rests("time", "resting")
+    _tell(page, advance="", period="")
+    value, speed = page.get("objective"), page.get("speed")
+    proven = value == speed and page.get("gap_certified") is not None
+    page.facts(page.fact("bound", "proven bound") if proven else
+               page.fact("ceiling", "no gait is faster than"))  # fmt: skip
+    return _at_the_knee(page)
 
 
-def _tell_knee(drawn: Figure, result: Result) -> Figure:
+def _tell(page: Page, **more: Any) -> None:
+    page.facts(speed="mean speed", **more)
+
+
+def _at_the_knee(page: Page) -> Figure:
     """Say of the gait of a front that it is the one at the knee."""
-    if "front_speed" in result:
-        knee, last = scalar(result, "front_knee"), len(result["front_speed"].values) - 1
+    if "front_speed" in page:
+        knee, last = page.get("front_knee"), len(page["front_speed"]) - 1
         which = "" if knee is None else f", point {knee} of 0 to {last}"
-        tell(drawn, f"the gait at the knee of the front{which}")
-    return drawn
+        page.facts(f"the gait at the knee of the front{which}")
+    return page.drawn
 
 
-def _cycle(result: Result) -> list[str]:
-    return [fact(result, "speed", "mean speed"), fact(result, "advance"), fact(result, "period")]
-
-
-def _fastest(result: Result) -> str:
-    """Upper bound on the speed: the proven one if there is one, else the ceiling."""
-    value, speed = scalar(result, "objective"), scalar(result, "speed")
-    if value == speed and scalar(result, "gap_certified") is not None:
-        return fact(result, "bound", "proven bound")
-    return fact(result, "ceiling", "no gait is faster than")
+def _limits(page: Page, name: str, of: str) -> list[tuple[float, ...]]:
+    """Limits, a tuple for each link or mass: ranges of lengths, absolute values, or loads."""
+    limit, count = page.get(name), len(page[of])
+    if limit is None:
+        return []
+    pairs = isinstance(limit, list) and isinstance(limit[0], list)
+    if of == "length":
+        return [tuple(pair) for pair in (limit if pairs else [limit] * count)]
+    if pairs:
+        return [(-contraction, extension) for contraction, extension in zip(*limit, strict=True)]
+    values = limit if isinstance(limit, list) else [limit] * count
+    return [(value,) if of == "reaction" else (-value, value) for value in values]
 
 
 def motion(result: Result) -> Figure:
@@ -116,38 +103,34 @@ def motion(result: Result) -> Figure:
     This is the form of figure 3 of Zimmermann et al. 2007. Needs ``time``, ``resting``,
     ``position``. Heavy lines: a mass rests; shaded: glides.
     """
-    time, position = result["time"].values, result["position"].values
+    page = Page(result, 5.6, 3.9)
+    panel, time, position = page.panel(), page["time"], page["position"]
     cycle, advance = time[-1], position[0, -1] - position[0, 0]
-    drawn = sheet(7.1, 5.6, 3.9)
-    axes = drawn.subplots()
-    resting = result["resting"].values.astype(bool)
+    resting, own = page["resting"] > 0, colours("mass", len(position))
     glides = stretches(time, ~np.any(resting, axis=0))
     for turn in range(CYCLES):
         t, x = time + turn * cycle, position + turn * advance
         for start, end in glides:
-            axes.axhspan(start + turn * cycle, end + turn * cycle, color=GLIDE, linewidth=0)
-        for i, colour in enumerate(shades(MASSES, len(x))):
-            axes.plot(x[i], t, color=colour, linewidth=1)
-            axes.add_collection(_heavy(x[i], t, resting[i], colour))
-    for i, colour in enumerate(shades(MASSES, len(position))):
+            panel.axes.axhspan(start + turn * cycle, end + turn * cycle, color=GLIDE, linewidth=0)
+        for i, color in enumerate(own):
+            panel.curve(x[i], t, color=color, lw=1)
+            spans = [[(np.interp(at, t, x[i]), at) for at in span]
+                     for span in stretches(t, resting[i])]  # fmt: skip
+            panel.axes.add_collection(
+                LineCollection(spans, colors=color, linewidths=4, zorder=3, capstyle="butt")
+            )
+    for i, color in enumerate(own):
+        disc = {"boxstyle": "circle,pad=0.25", "fc": color, "ec": "white"}
         for x, t in ((position[i, 0], 0.0), (position[i, -1] + advance, CYCLES * cycle)):
-            disc = {"boxstyle": "circle,pad=0.25", "fc": colour, "ec": "white"}
-            axes.text(x, t, str(i), bbox=disc, color="white", zorder=5, size=7, **CENTRED)
-    axes.margins(0.04, 0.06)
-    axes.set_xlabel(label("position $x_i$; mass 0 is the head", result["position"].unit))
-    axes.set_ylabel(label("time $t$", result["time"].unit))
-    tell(drawn, *_cycle(result))
-    entries: list[Artist] = [line("rests on its spikes", width=4), line("moves", width=1)]
-    if glides:
-        entries.append(Patch(color=GLIDE, label="the worm glides"))
-    legend_below(drawn, entries)
-    return _tell_knee(drawn, result)
-
-
-def _heavy(x: np.ndarray, t: np.ndarray, rests: np.ndarray, colour: str) -> LineCollection:
-    """Parts of a path on which the mass rests, as heavy lines."""
-    lines = [[(np.interp(at, t, x), at) for at in stretch] for stretch in stretches(t, rests)]
-    return LineCollection(lines, colors=colour, linewidths=4, zorder=3, capstyle="butt")
+            panel.axes.text(x, t, str(i), bbox=disc, color="white", zorder=5, size=7, **CENTRED)
+    panel.axes.margins(0.04, 0.06)
+    panel.named("x", "position", "position $x_i$; mass 0 is the head")
+    panel.named("y", "time")
+    panel.entries += [line("rests on its spikes", lw=4), line("moves", lw=1)]
+    panel.entries += [patch("the worm glides", GLIDE)] if glides else []
+    _tell(page, advance="", period="")
+    page.legend()
+    return _at_the_knee(page)
 
 
 def spikes(result: Result) -> Figure:
@@ -156,47 +139,36 @@ def spikes(result: Result) -> Figure:
     Needs ``time``, ``resting``, ``reaction``, ``reaction_mean``, ``sigma`` and
     ``actuator_force``. Impulses, where velocities jump, are marked above.
     """
-    masses, links = len(result["reaction"].values), len(result["actuator_force"].values)
-    time, own = result["time"].values, shades(MASSES, masses)
-    drawn = sheet(7.1, 5.8, 5.2)
-    loads, mean, forces = drawn.subplots(3, sharex=True, height_ratios=(3, 2, 2.5))
-    for i, (load, colour) in enumerate(zip(result["reaction"].values, own, strict=True)):
-        loads.plot(time, load, color=colour, zorder=3 + (masses - i) / masses)
-        loads.fill_between(time, load, color=colour, alpha=0.12, linewidth=0)
-    limit_lines = draw_limits(loads, ceilings(scalar(result, "spike_load_limit"), masses), own)
-    legend(loads, [*handles("mass", masses), *limit_lines, *_draw_impulses(loads, result)])
-    loads.set_ylabel(label("load on spikes\n$\\lambda_i$", result["reaction"].unit))
-    mean.plot(time, result["sigma"].values, color="#BBBBBB", linewidth=3,
-              label=r"$\sigma$, needed to prevent gliding")  # fmt: skip
-    mean.plot(time, result["reaction_mean"].values, color="black", linewidth=1,
-              label=r"$\lambda$, mean spike load")  # fmt: skip
-    mean.axhline(0.0, color=GREY, linewidth=0.8)
-    legend(mean)
-    mean.set_ylabel(label("mean over\nthe masses", result["sigma"].unit))
-    _draw_links(forces, result, "actuator_force", "actuator\nforce $\\mu_j$")
-    limit_lines = draw_limits(
-        forces, symmetric(scalar(result, "actuator_force_limit"), links), shades(LINKS, links)
-    )
-    legend(forces, [*handles("link", links), *limit_lines])
-    forces.set_xlabel(label("time $t$", result["time"].unit))
-    tell(
-        drawn,
-        fact(result, "spike_load_max", "largest load on a spike"),
-        fact(result, "actuator_force_max", "largest actuator force"),
-    )
-    drawn.align_ylabels()
-    return _tell_knee(drawn, result)
+    page = Page(result, 5.8, 5.2)
+    loads, mean, forces = page.rows(3, 2, 2.5)
+    masses = len(page["reaction"])
+    for i, color in enumerate(colours("mass", masses)):
+        loads.band("time", 0, page["reaction"][i], color=color, alpha=0.12)
+    loads.curves("time", "reaction", words=r"load on spikes $\lambda_i$")
+    for i, drawn in enumerate(loads.axes.lines):
+        drawn.set_zorder(3 + (masses - i) / masses)
+    loads.limits(_limits(page, "spike_load_limit", "reaction"), "mass")
+    if jumps := page.get("impulses") or []:
+        top = loads.axes.get_xaxis_transform()
+        loads.curve([at for at, _ in jumps], [1.0] * len(jumps), "impulse", marker="v", color=RED,
+                    ls="none", clip_on=False, transform=top)  # fmt: skip
+    mean.curve("time", "sigma", r"$\sigma$, needed to prevent gliding", color="#BBBBBB", lw=3,
+               words="mean over the masses")  # fmt: skip
+    mean.curve("time", "reaction_mean", r"$\lambda$, mean spike load", color="black", lw=1)
+    mean.level(0.0, ls="-")
+    forces.curves("time", "actuator_force", words=r"actuator force $\mu_j$")
+    forces.limits(_limits(page, "actuator_force_limit", "actuator_force"))
+    for panel in (loads, mean, forces):
+        panel.legend()
+    page.facts(spike_load_max="largest load on a spike",
+               actuator_force_max="largest actuator force")  # fmt: skip
+    return _at_the_knee(page)
 
 
-def _draw_impulses(axes: Axes, result: Result) -> list[Artist]:
-    """Draw arrows from above where velocities jump; returns their legend entries."""
-    jumps = scalar(result, "impulses") or []
-    style: dict[str, Any] = {"marker": "v", "color": RED, "linestyle": "none", "markersize": 5}
-    across = axes.get_xaxis_transform()
-    return [
-        *axes.plot([at for at, _ in jumps], [1.0] * len(jumps), transform=across, clip_on=False,
-                   label="impulse", **style)
-    ] if jumps else []  # fmt: skip
+# -- limits and what they cost ---------------------------------------------------------------------
+
+# Smaller elasticities are rounding; more bars cannot be read.
+_NO_INFLUENCE, _MOST_BARS = 1e-6, 24
 
 
 def limits(result: Result) -> Figure:
@@ -205,13 +177,13 @@ def limits(result: Result) -> Figure:
     Needs ``limit_elasticity`` and the attribute ``limits``. The longest is on top; limits
     that do not bind are named in the heading.
     """
-    elasticity, known = result["limit_elasticity"].values, needed(result, "limits")
+    elasticity = result["limit_elasticity"].values
     binding = [k for k in np.argsort(-abs(elasticity)) if abs(elasticity[k]) > _NO_INFLUENCE]
     shown = binding[:_MOST_BARS]
     tall = 0.9 + 0.24 * max(3, len(shown))
-    drawn = sheet(7.1, tall, tall + 0.2)
-    axes = drawn.subplots()
-    better = 1.0 if known["objective"] == "speed" else -1.0
+    page = Page(result, tall, tall + 0.2)
+    panel, known = page.panel(), page["limits"]
+    axes, better = panel.axes, 1.0 if known["objective"] == "speed" else -1.0
     for place, k in enumerate(shown):
         length = float(elasticity[k])
         helps = better * length > 0
@@ -220,27 +192,19 @@ def limits(result: Result) -> Figure:
         mark = " *" if known["one_sided"][k] else ""
         axes.text(1.02, place, f"{length:+.3g}{mark}".replace("-", "−"), color=GREY, size=7.5,
                   va="center", transform=axes.get_yaxis_transform())  # fmt: skip
-    axes.axvline(0.0, color=GREY, linewidth=0.8)
+    panel.level(0.0, axis="x", ls="-")
     axes.set_yticks(range(len(shown)), [_limit_text(known, k) for k in shown])
     axes.set_ylim(max(3, len(shown)) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     axes.margins(x=0.05)
-    axes.set_ylabel("limit")
     cost = OBJECTIVES.get(known["objective"], "").partition(",")[0]
     of = f"of the {cost}" if cost else "of speed"
-    axes.set_xlabel(rf"relative sensitivity {of}" + (narrow() * "\n" or " ")
-                    + r"to the limit ($\%/\%$)")  # fmt: skip
-    tell(drawn, *_limit_notes(known, elasticity, len(binding) - len(shown)))
-    legend_below(drawn, [
-        Patch(facecolor=LINKS[0], label="better when raised"),
-        Patch(facecolor=LINKS[3], hatch="////", edgecolor="white", linewidth=0,
-              label="better when lowered"),
-    ])  # fmt: skip
-    return drawn
-
-
-# Smaller elasticities are rounding; more bars cannot be read.
-_NO_INFLUENCE, _MOST_BARS = 1e-6, 24
+    panel.label(rf"relative sensitivity {of} to the limit ($\%/\%$)", "limit")
+    page.facts(*_limit_notes(known, elasticity, len(binding) - len(shown)))
+    return page.legend(
+        patch("better when raised", LINKS[0]),
+        patch("better when lowered", LINKS[3], hatch="////", edgecolor="white"),
+    )
 
 
 def _limit_text(known: dict[str, Any], k: int) -> str:
@@ -255,81 +219,58 @@ def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> 
     notes = []
     for text, is_zero in (("no influence", False), ("not shown because they are 0", True)):
         names = [known["name"][k] for k in idle if (known["value"][k] == 0) == is_zero]
-        if names:
-            notes.append(f"{text}: {', '.join(names)}")
-    if hidden:
-        notes.append(f"{hidden} shorter bars not shown")
+        notes += [f"{text}: {', '.join(names)}"] if names else []
+    notes += [f"{hidden} shorter bars not shown"] if hidden else []
     if any(known["one_sided"]):
         notes.append("* sensitivity to relaxing; that to tightening differs")
     return notes
 
 
-def _draw_links(axes: Axes, result: Result, name: str, text: str) -> None:
-    time, rows = result["time"].values, result[name].values
-    for row, (colour, dashes) in zip(rows, styles(LINKS, len(rows)), strict=True):
-        axes.plot(time, row, color=colour, linestyle=dashes)
-    axes.set_xlim(time[0], time[-1])
-    axes.set_ylabel(label(text, result[name].unit))
-
-
 # -- an animation, in which masses at rest have their spikes out -----------------------------------
 
 _FRAMES_PER_CYCLE = 36
-FRAMES = CYCLES * _FRAMES_PER_CYCLE
 
 
-def first_frame(result: Result) -> Figure:
-    """Draw the worm at the start of the animation, for `pose` to change.
-
-    Needs ``time``, ``resting`` and ``position``.
-    """
-    drawn = sheet(7.1, 1.9, 1.3)
-    _stage(drawn.subplots(), result)
-    pose(drawn, result, 0)
-    return drawn
-
-
-def _stage(axes: Axes, result: Result) -> None:
-    """Draw the ground with ticks, wide enough for all cycles shown."""
-    position = result["position"].values
+def _stage(result: Result) -> Page:
+    """Draw the ground, wide enough for all cycles shown."""
+    page = Page(result, 1.9, 1.3)
+    panel, position = page.panel(), page["position"]
     reach = position[0].max() + (CYCLES - 1) * (position[0, -1] - position[0, 0])
     margin = 0.04 * (reach - position.min())
-    axes.set_xlim(position.min() - margin, reach + margin)
-    axes.set_ylim(-0.75, 1.0)
-    axes.axhspan(-0.75, -0.35, color="#EFEBE4", linewidth=0)
-    axes.axhline(-0.35, color=GREY, linewidth=1.2)
-    axes.set_yticks([])
-    axes.spines["left"].set_visible(False)
-    axes.set_xlabel(label("position $x$; filled: at rest on its spikes", result["position"].unit))
+    panel.axes.set(xlim=(position.min() - margin, reach + margin), ylim=(-0.75, 1.0))
+    panel.axes.axhspan(-0.75, -0.35, color="#EFEBE4", linewidth=0)
+    panel.level(-0.35, ls="-", lw=1.2)
+    panel.scenery(equal=False, heights=False)
+    panel.axes.grid(visible=True)
+    panel.named("x", "position", "position $x$; filled: at rest on its spikes")
+    return page
 
 
-def pose(drawn: Figure, result: Result, frame: int) -> None:
-    """Move the worm of `first_frame` to a frame (0 to ``FRAMES - 1``), in place.
-
-    Masses at rest are filled and have their spikes out.
-    """
-    axes = drawn.axes[0]
-    for old in [*axes.lines[1:], *axes.texts]:  # the first line is the ground
-        old.remove()
-    time, position = result["time"].values, result["position"].values
+def _pose(panel: Panel, frame: int) -> None:
+    """Draw the worm: masses at rest are filled and have their spikes out."""
+    axes, page = panel.axes, panel.page
+    time, position = page["time"], page["position"]
     turn, part = divmod(frame, _FRAMES_PER_CYCLE)
     t = time[-1] * part / _FRAMES_PER_CYCLE
     x = np.array([np.interp(t, time, row) for row in position])
     x += turn * (position[0, -1] - position[0, 0])
-    rests = result["resting"].values[:, np.searchsorted(time, t, side="right") - 1].astype(bool)
-    size = 0.8 if drawn.get_figwidth() > 5 else 0.65
-    for j, colour in enumerate(shades(LINKS, len(x) - 1)):
-        axes.plot(x[j : j + 2], [0, 0], color=colour, linewidth=4 * size, alpha=0.8, zorder=2)
-    for i, colour in enumerate(shades(MASSES, len(x))):
+    rests = page["resting"][:, np.searchsorted(time, t, side="right") - 1] > 0
+    size = 0.65 if narrow() else 0.8
+    for j, color in enumerate(colours("link", len(x) - 1)):
+        axes.plot(x[j : j + 2], [0, 0], color=color, linewidth=4 * size, alpha=0.8, zorder=2)
+    for i, color in enumerate(colours("mass", len(x))):
         if rests[i]:
-            axes.plot(x[i], -0.37, marker="v", markersize=11 * size, color=colour, zorder=3)
-        axes.plot(x[i], 0, "o", markersize=19 * size, markeredgecolor=colour,
-                  markeredgewidth=2.5 * size,
-                  markerfacecolor=colour if rests[i] else "white", zorder=4)  # fmt: skip
-        axes.text(x[i], 0, str(i), color="white" if rests[i] else colour, zorder=5,
-                  size=7, **CENTRED)  # fmt: skip
+            axes.plot(x[i], -0.37, marker="v", markersize=11 * size, color=color, zorder=3)
+        axes.plot(x[i], 0, "o", markersize=19 * size, markeredgecolor=color,
+                  markeredgewidth=2.5 * size, markerfacecolor=color if rests[i] else "white",
+                  zorder=4)  # fmt: skip
+        axes.text(x[i], 0, str(i), color="white" if rests[i] else color, zorder=5, size=7,
+                  **CENTRED)  # fmt: skip
     axes.text(0.01, 0.9, f"cycle {turn + part / _FRAMES_PER_CYCLE:.2f}", color=GREY,
               transform=axes.transAxes)  # fmt: skip
+
+
+animation = Animation(CYCLES * _FRAMES_PER_CYCLE, _stage, _pose)
 
 
 # -- periods and loads at which kinematics alone determines the motion -----------------------------
@@ -341,55 +282,51 @@ def region(result: Result) -> Figure:
     Needs ``region_period``, ``region_load``, ``region_spike_load`` and ``region_least_load``;
     ``region_most_load`` if the strength of a spike is known. A cross marks the gait itself.
     """
-    period, load = result["region_period"], result["region_load"]
-    least, peaks = result["region_least_load"].values, result["region_spike_load"]
-    top = load.values[-1]
-    drawn = sheet(7.1, 4.6, 3.9)
-    axes = drawn.subplots()
-    axes.grid(visible=False)
-    if np.isfinite(peaks.values).any():
+    page = Page(result, 4.6, 3.9)
+    panel, period, load = page.panel(), page["region_period"], page["region_load"]
+    least, peaks = page["region_least_load"], page["region_spike_load"]
+    panel.axes.grid(visible=False)
+    if np.isfinite(peaks).any():
         # each column continues below the border, where it is covered, so that no cell ends above
-        lowest = np.nanmin(peaks.values, axis=1, keepdims=True, initial=np.nanmax(peaks.values))
-        held = np.where(np.isnan(peaks.values), lowest, peaks.values).T
-        image = axes.pcolormesh(
-            period.values, load.values, held, cmap="Blues", shading="gouraud", rasterized=True
-        )
-        drawn.colorbar(image, ax=axes, label=label("largest load on a spike", peaks.unit))
-    axes.fill_between(period.values, load.values[0], least, color=GLIDE, linewidth=0, zorder=2)
-    axes.plot(period.values, least, color="black", linewidth=1.4, zorder=3)
-    entries: list[Artist] = [
-        Patch(facecolor=GLIDE, label="the worm glides"),
-        line("smallest load without gliding, $w = 0$", "black"),
-    ]
+        lowest = np.nanmin(peaks, axis=1, keepdims=True, initial=np.nanmax(peaks))
+        held = np.where(np.isnan(peaks), lowest, peaks).T
+        unit = page.unit("region_spike_load")
+        panel.map("region_period", "region_load", held, f"largest load on a spike ({raised(unit)})",
+                  cmap="Blues", shading="gouraud")  # fmt: skip
+    panel.band(period, load[0], least, "the worm glides", color=GLIDE, alpha=1, zorder=2)
+    panel.curve(period, least, "smallest load without gliding, $w = 0$", color="black", lw=1.4,
+                zorder=3)  # fmt: skip
     if "region_most_load" in result:
-        most = result["region_most_load"].values
-        axes.fill_between(
-            period.values, np.maximum(most, least), max(top, most.max()), facecolor="none",
-            edgecolor=RED, hatch="///", linewidth=0, zorder=2,
-        )  # fmt: skip
-        # covered where the worm glides and breaks no spike
-        axes.plot(period.values, most, color=RED, linewidth=1.4, zorder=1.5)
-        strength = f"{number(scalar(result, 'region_spike_strength'))} {peaks.unit}"
-        entries.append(
-            Patch(facecolor="none", edgecolor=RED, hatch="///",
-                  label=f"a spike carries more than {strength.removesuffix(' 1')}")
-        )  # fmt: skip
-    own, at = scalar(result, "region_gait_load"), scalar(result, "period")
+        _draw_strength(panel)
+    own, at = page.get("region_gait_load"), page.get("period")
     if own is not None and at is not None:
-        entries += axes.plot([at], [own], "X", color=RED, markeredgecolor="white", markersize=9,
-                             zorder=5, linestyle="none", label="this gait")  # fmt: skip
-    axes.set_xlim(period.values[0], period.values[-1])
-    axes.set_ylim(load.values[0], top)
-    axes.set_xlabel(label("period $T$", period.unit))
-    axes.set_ylabel(label(r"load $\Gamma$ on every mass", load.unit))
-    axes.tick_params(color=GREY)
-    if least.min() > top:
-        tell(drawn, "the worm glides at all loads of this map")
-    legend_below(drawn, entries)
-    return drawn
+        panel.curve(at, own, "this gait", marker="X", color=RED, mec="white", ms=9, zorder=5,
+                    ls="none")  # fmt: skip
+    panel.axes.set(xlim=(period[0], period[-1]), ylim=(load[0], load[-1]))
+    panel.named("x", "region_period", "period $T$")
+    panel.named("y", "region_load", r"load $\Gamma$ on every mass")
+    panel.axes.tick_params(color=GREY)
+    if least.min() > load[-1]:
+        page.facts("the worm glides at all loads of this map")
+    return page.legend()
 
 
-# -- a proof: the bound decreases towards the objective --------------------------------------------
+def _draw_strength(panel: Panel) -> None:
+    """Draw the loads at which a spike breaks."""
+    page, period = panel.page, panel.page["region_period"]
+    least, most = page["region_least_load"], page["region_most_load"]
+    strength = number(page["region_spike_strength"])
+    strength = f"{strength} {page.unit('region_spike_load')}".removesuffix(" 1")
+    panel.band(
+        period, np.maximum(most, least), max(page["region_load"][-1], most.max()),
+        f"a spike carries more than {strength}", facecolor="none", edgecolor=RED, hatch="///",
+        alpha=None, zorder=2,
+    )  # fmt: skip
+    # covered where the worm glides and breaks no spike
+    panel.curve(period, most, color=RED, lw=1.4, zorder=1.5)
+
+
+# -- a proof, and a Pareto front -------------------------------------------------------------------
 
 
 def certificate(result: Result) -> Figure:
@@ -397,28 +334,17 @@ def certificate(result: Result) -> Figure:
 
     Needs ``proof_time``, ``proof_bound``, ``proof_value``.
     """
-    drawn = sheet(7.1, 3.2, 3.0)
-    axes = drawn.subplots()
-    time, bound, value = (result[f"proof_{name}"] for name in ("time", "bound", "value"))
-    axes.step(time.values, bound.values, where="post", marker=".", color=LINKS[0],
-              label="proven bound for all gaits")  # fmt: skip
-    axes.plot(time.values, value.values, color="black", linestyle=(0, (4, 2)),
-              label="this gait")  # fmt: skip
-    axes.fill_between(time.values, value.values, bound.values, step="post", color=LINKS[0],
-                      alpha=0.12, linewidth=0)  # fmt: skip
-    axes.set_xlabel(label("computing time $t$", time.unit))
-    axes.set_ylabel(label("objective and its bound", bound.unit))
-    tell(
-        drawn,
-        fact(result, "speed", "mean speed"),
-        fact(result, "bound", "proven bound"),
-        fact(result, "gap_certified", "gap"),
-    )
-    legend_below(drawn)
-    return drawn
-
-
-# -- a Pareto front --------------------------------------------------------------------------------
+    page = Page(result, 3.2, 3.0)
+    panel = page.panel()
+    time, bound, value = (page[f"proof_{name}"] for name in ("time", "bound", "value"))
+    panel.curve(time, bound, "proven bound for all gaits", ds="steps-post", marker=".",
+                color=LINKS[0])  # fmt: skip
+    panel.curve(time, value, "this gait", color="black", ls=(0, (4, 2)))
+    panel.band(time, value, bound, step="post", color=LINKS[0], alpha=0.12)
+    panel.named("x", "proof_time", "computing time $t$")
+    panel.named("y", "proof_bound", "objective and its bound")
+    _tell(page, bound="proven bound", gap_certified="gap")
+    return page.legend()
 
 
 def front(result: Result) -> Figure:
@@ -426,51 +352,33 @@ def front(result: Result) -> Figure:
 
     Needs ``front_speed``, ``front_value`` and ``front_accepted``; ``front_order`` marks jumps.
     """
-    speed, value = result["front_speed"], result["front_value"]
-    accepted = result["front_accepted"].values.astype(bool)
-    drawn = sheet(7.5, 5.5)
-    axes = drawn.subplots()
-    x, y = speed.values, value.values
-    _draw_line(axes, result)
-    if not accepted.all():
-        axes.plot(x[~accepted], y[~accepted], "o", color=RED, markerfacecolor="none",
-                  markeredgewidth=1.6, markersize=8, label="not accepted")  # fmt: skip
-    _draw_knee(axes, result)
-    ceiling = scalar(result, "ceiling")
-    if ceiling is not None:
-        axes.axvline(ceiling, color=GREY, linestyle="--", linewidth=1, label="ceiling on speed")
-    objective = str(scalar(result, "front_objective") or "")
-    name = OBJECTIVES.get(objective, objective.replace("_", " ") or "objective")
-    axes.set_xlabel(label("mean speed $v$", speed.unit))
-    axes.set_ylabel(label(wrapped(name, 24 if narrow() else 60), value.unit))
-    axes.margins(0.06)
-    legend_below(drawn)
-    return drawn
-
-
-def _draw_line(axes: Axes, result: Result) -> None:
-    """Draw the points on the front, joined to the next one of the same resting sequence."""
-    x, y = result["front_speed"].values, result["front_value"].values
-    accepted = result["front_accepted"].values.astype(bool)
-    order = result["front_order"].values if "front_order" in result else np.zeros(len(x))
-    line = np.argsort(x)
-    line = line[accepted[line]]
-    jumps = np.flatnonzero(np.diff(order[line])) + 1
-    for k, run in enumerate(np.split(line, jumps)):
-        axes.plot(x[run], y[run], "o-", color=LINKS[0], linewidth=1.6, markersize=7,
-                  label=None if k else "best found")  # fmt: skip
+    page = Page(result, 5.2)
+    panel, x, y = page.panel(), page["front_speed"], page["front_value"]
+    accepted = page["front_accepted"] > 0
+    order = page["front_order"] if "front_order" in page else np.zeros(len(x))
+    joined = np.argsort(x)
+    joined = joined[accepted[joined]]
+    jumps = np.flatnonzero(np.diff(order[joined])) + 1
+    for k, run in enumerate(np.split(joined, jumps)):
+        panel.curve(x[run], y[run], "" if k else "best found", marker="o", color=LINKS[0], lw=1.6,
+                    ms=7)  # fmt: skip
     for k, at in enumerate(jumps):
-        axes.axvline(x[line[at - 1 : at + 1]].mean(), color=GREY, linestyle=":", linewidth=1,
-                     label=None if k else "resting sequence changes")  # fmt: skip
-
-
-def _draw_knee(axes: Axes, result: Result) -> None:
-    knee = scalar(result, "front_knee")
-    if knee is None:
-        return
-    at = result["front_speed"].values[knee], result["front_value"].values[knee]
-    axes.plot(*at, "*", color=LINKS[1], markersize=15, markeredgecolor="white", zorder=4,
-              label=f"knee, point {knee}")  # fmt: skip
+        panel.level(x[joined[at - 1 : at + 1]].mean(), "" if k else "resting sequence changes",
+                    axis="x", ls=":", lw=1)  # fmt: skip
+    if not accepted.all():
+        panel.curve(x[~accepted], y[~accepted], "not accepted", marker="o", ls="none", color=RED,
+                    mfc="none", markeredgewidth=1.6, ms=8)  # fmt: skip
+    knee = page.get("front_knee")
+    if knee is not None:
+        panel.curve(x[knee], y[knee], f"knee, point {knee}", marker="*", ls="none", ms=15,
+                    color=LINKS[1], mec="white", zorder=4)  # fmt: skip
+    panel.level("ceiling", "ceiling on speed", axis="x", ls="--", lw=1)
+    objective = str(page.get("front_objective") or "")
+    panel.named("x", "front_speed", "mean speed $v$")
+    panel.named("y", "front_value",
+                OBJECTIVES.get(objective, objective.replace("_", " ") or "objective"))  # fmt: skip
+    panel.axes.margins(0.06)
+    return page.legend()
 
 
 # -- step commands ---------------------------------------------------------------------------------
@@ -481,77 +389,40 @@ def steps(result: Result) -> Figure:
 
     The result is of kind ``stepper``; motor 0 drives link 0.
     """
-    drawn = sheet(7.1, 7.2, 7.6)
-    lengths, rates, places, turn = drawn.subplots(4, height_ratios=(2.4, 2, 3, 2.2))
-    rates.sharex(lengths)
-    places.sharex(lengths)
-    time, looks = result["time"].values, styles(LINKS, len(result["length"].values))
-    for j, (colour, dashes) in enumerate(looks):
-        lengths.plot(time, 1e3 * result["commanded"].values[j], color=colour, linewidth=3,
-                     alpha=0.35)  # fmt: skip
-        lengths.plot(time, 1e3 * result["length"].values[j], color=colour, linewidth=0.9)
-        rates.plot(time, result["turn_rate"].values[j], color=colour, linestyle=dashes)
-    wide = line("commanded", GREY, width=3)
-    wide.set_alpha(0.4)
-    legend(lengths, [*handles("link", len(looks)), wide, line("gait", width=0.9)])
-    lengths.set_ylabel("length $l_j$ (mm)")
-    _draw_motor_limits(rates, result)
-    _draw_positions(places, result)
-    for axes in (lengths, rates):
-        axes.tick_params(labelbottom=False)
-    places.set_xlim(time[0], time[-1])
-    _close_up(turn, result)
-    tell(
-        drawn,
-        fact(result, "travel_per_step", unit="µm"),
-        fact(result, "quantisation_error", unit="µm"),
-        fact(result, "period"),
-        fact(result, "period_min", "shortest possible"),
-        fact(result, "speed", "mean speed", "mm s-1"),
-        fact(result, "speed_ideal", "ideal", "mm s-1"),
-        fact(result, "backslip", unit="mm"),
-    )
-    drawn.align_ylabels()
-    return drawn
-
-
-def _close_up(axes: Axes, result: Result) -> None:
-    """Draw the steps of one link near a reversal, relative to the length commanded there."""
-    link = int(result["turn_link"].values[0])
-    time = result["turn_time"].values
-    base = result["turn_commanded"].values[0]
-    commanded = 1e6 * (result["turn_commanded"].values - base)
-    ideal = 1e6 * (result["turn_length"].values - base)
-    axes.step(time, commanded, where="post", color=LINKS[link], linewidth=1.8, alpha=0.6,
-              label="commanded")  # fmt: skip
-    axes.plot(time, ideal, color="black", linewidth=0.9, label="gait")
-    legend(axes)
-    axes.margins(x=0)
-    axes.set_ylabel(f"$l_{link}$ at a reversal,\nchange (µm)")
-    axes.set_xlabel("close-up, time $t$ (s)")
-
-
-def _draw_motor_limits(axes: Axes, result: Result) -> None:
-    """Draw the motor's largest rate and start rate, in both directions."""
-    limit, start = (float(scalar(result, k) or 0.0) for k in ("turn_rate_limit", "start_rate"))
-    levels = [(limit, line("limit of the motor", RED, LIMIT, 0.9))]
-    if start:
-        levels.append((start, line("start rate", GREY, ":", 0.9)))
-    for value, own in levels:
-        for level in (-value, value):
-            axes.axhline(level, color=own.get_color(), linestyle=own.get_linestyle(), lw=0.9)
-    legend(axes, [own for _, own in levels])
-    axes.set_ylabel(label("rate of the\nmotors", "turns s-1"))
-
-
-def _draw_positions(axes: Axes, result: Result) -> None:
-    """Draw positions of the masses by steps, and those of the ideal gait."""
-    time = result["time"].values
-    rows, ideal = result["position"].values, result["position_ideal"].values
-    for row, lossless, colour in zip(rows, ideal, MASSES, strict=False):
-        axes.plot(time, 1e3 * lossless, color=colour, linewidth=0.9, linestyle=DASHES[1])
-        axes.plot(time, 1e3 * row, color=colour)
-    dashed = line("ideal gait", GREY, DASHES[1], 0.9)
-    legend(axes, [*handles("mass", len(rows)), dashed])
-    axes.set_ylabel("position $x_i$\n(mm)")
-    axes.set_xlabel("time $t$ (s)")
+    page = Page(result, 7.2, 7.6, ("mm", "mm s-1"))
+    lengths, rates, places, turn = page.rows(2.4, 2, 3, 2.2, share=False)
+    lengths.curves(page["time"], "commanded", legend=False, words="length $l_j$", lw=3, alpha=0.35,
+                   ls="-")  # fmt: skip
+    lengths.curves(page["time"], "length", lw=0.9, ls="-")
+    lengths.entry("commanded", lw=3, alpha=0.4)
+    lengths.entry("gait", lw=0.9)
+    rates.curves(page["time"], "turn_rate", legend=False)
+    for name, text, style in (
+        ("turn_rate_limit", "limit of the motor", {"color": RED, "ls": LIMIT, "lw": 0.9}),
+        ("start_rate", "start rate", {"color": GREY, "ls": ":", "lw": 0.9}),
+    ):
+        if level := float(page.get(name) or 0.0):
+            rates.level(level, text, **style)
+            rates.level(-level, **style)
+    rates.label(y="rate of the motors (turns s$^{-1}$)")
+    places.curves("time", "position_ideal", legend=False, lw=0.9, ls=DASHES[1],
+                  words="position $x_i$")  # fmt: skip
+    places.curves("time", "position")
+    places.entry("ideal gait", GREY, DASHES[1], 0.9)
+    for panel in (lengths, rates):
+        panel.axes.sharex(places.axes)
+        panel.axes.tick_params(labelbottom=False)
+    link, now = int(page["turn_link"][0]), page["turn_time"]
+    commanded, ideal = (1e3 * (page[f"turn_{name}"] - page["turn_commanded"][0])
+                        for name in ("commanded", "length"))  # fmt: skip
+    turn.curve(now, commanded, "commanded", ds="steps-post", color=LINKS[link], lw=1.8, alpha=0.6)
+    turn.curve(now, ideal, "gait", color="black", lw=0.9)
+    turn.axes.margins(x=0)
+    turn.label("close-up, time $t$ (s)", f"$l_{link}$ at a reversal, change (µm)")
+    for panel in (lengths, rates, places, turn):
+        panel.legend()
+    page.facts(
+        travel_per_step=("", "µm"), quantisation_error=("", "µm"), period="",
+        period_min="shortest possible", speed="mean speed", speed_ideal="ideal", backslip="",
+    )  # fmt: skip
+    return page.drawn

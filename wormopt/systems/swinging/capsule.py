@@ -109,7 +109,7 @@ class Capsule(OptimalMotion, kind="capsule"):
     The arrays contain the instants at which arcs join twice.
     """
 
-    pictures: ClassVar = {"signals": "wormopt.systems.chain.plots.optimum:signals"}
+    pictures: ClassVar = {"signals": "wormopt.systems.chain.pictures:signals"}
 
     want: tuple[Literal["signals"], ...] = entry("`signals`: signals over time", default=())
     capsule: CapsuleTable = entry("the capsule")

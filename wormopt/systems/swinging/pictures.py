@@ -3,26 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from wormopt.plotting.parts import (
-    DASHES,
-    GREY,
-    LIMIT,
-    LINKS,
-    MASSES,
-    RED,
-    fact,
-    handles,
-    label,
-    legend,
-    line,
-    needed,
-    scalar,
-    sheet,
-    tell,
-)
+from wormopt.pictures.page import Page, Panel
+from wormopt.pictures.style import DASHES, GREY, LINKS, MASSES, RED
 from wormopt.result import Result
 
 
@@ -32,65 +16,38 @@ def reversals(result: Result) -> Figure:
     Above: masses slide backward below the line at -V; dots: reversals of the exact motion. Below:
     exact and averaged velocity of the centre, with the steady velocities.
     """
-    drawn = sheet(7.1, 5.0, 5.0)
-    above, below = drawn.subplots(2, 1)
-    _draw_period(above, result)
-    _draw_course(below, result)
-    tell(
-        drawn,
-        fact(result, "velocity_exact_mean", "mean velocity"),
-        fact(result, "velocity_steady", "steady velocity by averaging"),
-        fact(result, "smallness", "small parameter"),
-    )
-    return drawn
-
-
-def _draw_period(axes: Axes, result: Result) -> None:
-    share, relative = result["share"].values, result["relative_velocity"].values
-    colours = [MASSES[i % len(MASSES)] for i in range(len(relative))]
-    for own, colour in zip(relative, colours, strict=True):
-        axes.plot(share, own, color=colour)
-    exact = scalar(result, "velocity_exact_mean")
-    V = needed(result, "velocity_steady") if exact is None else exact
-    axes.axhline(-V, color=GREY, linewidth=0.9, linestyle=LIMIT)
-    if "event_share" in result:
-        for at, contact in zip(
-            result["event_share"].values, result["event_contact"].values, strict=True
-        ):
-            here = np.interp(at, share, relative[contact])
-            axes.plot(at, here, "o", color=colours[contact], markersize=4.5, clip_on=False)
-            axes.axvline(at, color=colours[contact], linewidth=0.7, alpha=0.5)
-    axes.set_xlim(0, 1)
-    axes.set_xlabel("share of the period")
-    axes.set_ylabel(label("velocity relative\nto the centre", result["relative_velocity"].unit))
-    entries = [line("$-V$: a mass reverses", GREY, LIMIT, 0.9)]
-    if "event_share" in result:
-        entries.append(line("exact reversal", GREY, "none", marker="o"))
-    legend(axes, [*handles("mass", len(relative), worm=False), *entries])
-
-
-def _draw_course(axes: Axes, result: Result) -> None:
-    time, entries = result["time"].values, []
-    if "center_velocity" in result:
-        entries += axes.plot(
-            time, result["center_velocity"].values, color=LINKS[0], linewidth=1.8, label="exact"
-        )
-    entries += axes.plot(
-        time,
-        result["center_velocity_averaged"].values,
-        color=LINKS[1],
-        linewidth=1.1,
-        linestyle=DASHES[1],
-        label="averaged, order 1",
-    )
-    steady = zip(needed(result, "steady_velocities"), needed(result, "steady_stable"), strict=True)
-    for V, stable in steady:
-        axes.axhline(V, color=GREY if stable else RED, linewidth=1, linestyle=":", zorder=1.5)
+    page = Page(result, 5.0, 5.0)
+    above, below = page.rows(1, 1, share=False)
+    _draw_period(above)
+    if "center_velocity" in page:
+        below.curve("time", "center_velocity", "exact", color=LINKS[0], lw=1.8,
+                    words="velocity of the centre $V$")  # fmt: skip
+    below.curve("time", "center_velocity_averaged", "averaged, order 1", color=LINKS[1], lw=1.1,
+                ls=DASHES[1], words="velocity of the centre $V$")  # fmt: skip
+    told = set[str]()
+    for V, stable in zip(page["steady_velocities"], page["steady_stable"], strict=True):
         text = "steady" if stable else "steady, unstable"
-        if text not in [entry.get_label() for entry in entries]:
-            colour = GREY if stable else RED
-            entries.append(line(text, colour, ":", 1))
-    axes.set_xlim(time[0], time[-1])
-    axes.set_xlabel(label("time $t$", result["time"].unit))
-    axes.set_ylabel(label("velocity of\nthe centre $V$", result["center_velocity_averaged"].unit))
-    legend(axes, entries)
+        below.level(V, "" if text in told else text, color=GREY if stable else RED, ls=":", lw=1,
+                    zorder=1.5)  # fmt: skip
+        told.add(text)
+    below.legend()
+    page.facts(velocity_exact_mean="mean velocity", smallness="small parameter",
+               velocity_steady="steady velocity by averaging")  # fmt: skip
+    return page.drawn
+
+
+def _draw_period(panel: Panel) -> None:
+    page, share = panel.page, panel.page["share"]
+    panel.curves("share", "relative_velocity", worm=False, words="velocity relative to the centre")
+    exact = page.get("velocity_exact_mean")
+    panel.level(-page["velocity_steady"] if exact is None else -exact, "$-V$: a mass reverses",
+                lw=0.9)  # fmt: skip
+    if "event_share" in page:
+        for at, contact in zip(page["event_share"], page["event_contact"], strict=True):
+            here = np.interp(at, share, page["relative_velocity"][contact])
+            color = MASSES[contact % len(MASSES)]
+            panel.curve(at, here, marker="o", color=color, ms=4.5, clip_on=False)
+            panel.level(at, axis="x", color=color, ls="-", lw=0.7, alpha=0.5)
+        panel.entry("exact reversal", GREY, "none", marker="o")
+    panel.axes.set_xlim(0, 1)
+    panel.legend()

@@ -126,7 +126,7 @@ class TwoMass(OptimalMotion, kind="two-mass"):
     arcs join twice.
     """
 
-    pictures: ClassVar = {"signals": "wormopt.systems.chain.plots.optimum:signals"}
+    pictures: ClassVar = {"signals": "wormopt.systems.chain.pictures:signals"}
 
     want: tuple[Literal["signals"], ...] = entry("`signals`: signals over time", default=())
     pair: Pair = entry("the masses")

@@ -2,29 +2,24 @@
 
 import dataclasses
 import re
-from functools import cache
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn import QUICK, SI, real, sample, two_trackers, without
+from drawn import PICTURES, QUICK, SI, boxes, real, sample, standard, two_trackers, without
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.text import Text
 from PIL import Image
 from places import SAVED
 
 import wormopt as wo
 from tests.results.make import SCENES as SAVED_SCENES
-from wormopt.kinds import KINDS
-from wormopt.plotting import draw, figure
-from wormopt.plotting.parts import LINKS, stretches
+from wormopt.pictures import draw, figure
+from wormopt.pictures.style import LINKS, stretches
 from wormopt.quantities import Scalar
 from wormopt.result import Result
 
@@ -33,9 +28,6 @@ THREE = (
     '{feedback="derivative", tube_radius=0.2, growth=1e4}, {feedback="funnel", '
     "funnel={start=2.0, end=0.2, time=0.5}, rate_funnel={start=20.0, end=5.0, time=0.5}}]"
 )
-
-
-PICTURES = sorted({picture for kind in KINDS.values() for picture in kind.pictures})
 
 
 def crawl(trackers: int = 2, links: int = 2) -> Result:
@@ -54,12 +46,6 @@ def entries(drawn: Figure) -> list[str]:
     """Words of all legends."""
     legends = [*drawn.legends, *(axes.get_legend() for axes in drawn.axes)]
     return [text.get_text() for found in legends if found for text in found.get_texts()]
-
-
-@cache
-def standard(picture: str) -> Figure:
-    """A picture as wide as a column, where there is least room, to be looked at only."""
-    return figure(sample(picture), picture, width=85)
 
 
 # One of each way to draw: lines, bars, colours, shades, outlines. All others are drawn, though not
@@ -113,7 +99,8 @@ def test_bars_of_limits_tell_which_way_helps(objective: str):
     told = [f"{elasticity[k]:+.3g}{' *' * known['one_sided'][k]}" for k in binding]
     assert marked == [text.replace("-", "−") for text in told]
     narrow = figure(result, "limits", width=85)
-    numbers = [c for text, _, c in boxes(narrow) if re.fullmatch(r"[+−][\d.]+( \*)?", text)]
+    texts_in = [(str(box.what), box.corners) for box in boxes(narrow)]
+    numbers = [c for text, c in texts_in if re.fullmatch(r"[+−][\d.]+( \*)?", text)]
     beside = [c for c in numbers if c[0, 0] > narrow.axes[0].bbox.x1]  # clear of bars and names
     assert len(beside) == len(told)
     notes = texts(figure(result, "limits"))
@@ -434,70 +421,6 @@ def test_a_front_shows_what_was_not_accepted_hollow():
 def test_letters_without_a_glyph_do_no_harm(tmp_path: Path):
     draw(dataclasses.replace(sample("front"), title="蠕虫 λ"), "front", tmp_path / "front.png")
     assert (tmp_path / "front.png").stat().st_size > 1000
-
-
-def boxes(drawn: Figure) -> list[tuple[str, float, np.ndarray]]:
-    """Every text that is seen, its size in points, and its corners in pixels."""
-    canvas = FigureCanvasAgg(drawn)
-    drawn.draw_without_rendering()
-    hidden: set[Text] = set()
-    for axis in (a for axes in drawn.axes for a in (axes.xaxis, axes.yaxis)):
-        low, high = sorted(axis.get_view_interval())
-        slack = 1e-9 * (high - low)
-        for minor in (False, True):
-            ticks = axis.get_minor_ticks() if minor else axis.get_major_ticks()
-            for at, tick in zip(axis.get_ticklocs(minor=minor), ticks, strict=False):
-                hidden.add(tick.label2)
-                if not low - slack <= at <= high + slack:
-                    hidden.add(tick.label1)
-    seen = [
-        text
-        for text in drawn.findobj(Text)
-        if isinstance(text, Text) and text.get_visible() and text.get_text().strip()
-    ]
-    renderer = canvas.get_renderer()
-    return [
-        (t.get_text(), float(t.get_fontsize()), t.get_window_extent(renderer).get_points())
-        for t in seen
-        if t not in hidden
-    ]
-
-
-# Of every way to draw the one with the most texts.
-CROWDED = {
-    "bands", "bode", "cargo", "carried", "coil_design", "coil_pressure", "course", "draws",
-    "estimates", "film", "film_wave", "forward", "gait", "limits", "loads", "planar_gait",
-    "block", "turning", "heights", "readings", "recordings", "reversals", "ride", "rod_frequency",
-    "segment_shapes", "shift", "steps", "switching", "travelling_field", "trackers", "waveform",
-}  # fmt: skip
-
-
-# narrow is the harder
-@pytest.mark.parametrize("width", [85, pytest.param(180, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    "picture",
-    [pytest.param(p, marks=() if p in CROWDED else pytest.mark.slow) for p in PICTURES],
-)
-def test_text_is_legible_and_covers_no_other(picture: str, width: int):
-    drawn = standard(picture) if width == 85 else figure(sample(picture), picture, width=width)
-    assert drawn.get_figwidth() == pytest.approx(width / 25.4)
-    assert drawn.get_figheight() < 240 / 25.4  # a page
-    seen = boxes(drawn)
-    for text, size, corners in seen:
-        assert 6.5 <= size <= 10, text
-        assert (corners >= -1).all(), text
-        assert (corners[1] <= [drawn.bbox.width + 1, drawn.bbox.height + 1]).all(), text
-    for (text, _, a), (other, _, b) in combinations(seen, 2):
-        common = np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])
-        assert common.min() <= 1, (text, other)
-
-
-def test_overlapping_texts_would_be_seen():
-    drawn = Figure()
-    drawn.text(0.5, 0.5, "one")
-    drawn.text(0.51, 0.5, "other")
-    (_, _, a), (_, _, b) = boxes(drawn)
-    assert (np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])).min() > 1
 
 
 @pytest.mark.parametrize("picture", PICTURES)

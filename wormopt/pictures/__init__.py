@@ -15,6 +15,7 @@ from typing import IO, Any
 
 from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -23,13 +24,14 @@ from matplotlib.text import Text
 from wormopt.errors import ArgumentError
 from wormopt.files import MARK, MOVING, STILL, sealed
 from wormopt.kinds import kind_of
-from wormopt.plotting.parts import FACTS, GREY, PAGE, RED, STYLE
+from wormopt.pictures.page import FACTS, Animation
+from wormopt.pictures.style import GREY, INCH, PAGE, RED, STYLE, visible, wrapped
 from wormopt.result import Result
 
 _DPI, _FILM_DPI = 200, 100
 _FRAMES_PER_SECOND = 12
-_INCH = 25.4
 _EDGE = 0.05  # margin around a heading, in inches
+_LETTER = 0.057  # width of a letter of a label, in inches
 _METADATA: dict[str, dict[str, Any]] = {
     "png": {"Comment": MARK},
     "svg": {"Date": None, "Description": MARK},
@@ -58,10 +60,13 @@ def figure(
     for name, size in (("width", width), ("height", height)):
         if size is not None and not 30 <= size <= 2000:
             raise ArgumentError(f"{name} is in mm, from 30 to 2000, not {size:g}")
-    inches = (width or PAGE) / _INCH
+    inches = (width or PAGE) / INCH
     with _style(), rc_context({"figure.figsize": (inches, 0.62 * inches)}):
         drawn = _composer(result, picture)(result)
-        _entitle(drawn, result, height and height / _INCH, title)
+        # those of nested grids would be moved off the sheet
+        drawn.align_ylabels([axes for axes in drawn.axes if _is_outermost(axes)])
+        _entitle(drawn, result, height and height / INCH, title)
+        _fit(drawn)
     return drawn
 
 
@@ -114,13 +119,13 @@ def draw(
     b'%PDF'
     """
     path = Path(path)
-    moves = _composer(result, picture).__name__ == "first_frame"
-    form = _form(path, moves=moves)
+    moves = _composer(result, picture)
+    form = _form(path, moves=isinstance(moves, Animation))
     drawn = figure(result, picture, width=width, height=height, title=title)
     unfinished = path.with_name(f".unfinished-{path.name}")
     try:
-        if form in MOVING:
-            _film(result, _composer(result, picture).__module__, drawn, unfinished)
+        if isinstance(moves, Animation) and form in MOVING:
+            _film(moves, drawn, unfinished)
         else:
             save(drawn, unfinished, form)
         unfinished.write_bytes(sealed(unfinished.read_bytes()))
@@ -221,6 +226,34 @@ def _entitle(drawn: Figure, result: Result, height: float | None, title: bool) -
         engine.set(rect=(0, 0, 1, 1 - down / whole))
 
 
+def _is_outermost(axes: Axes) -> bool:
+    spec = axes.get_subplotspec()
+    return spec is not None and spec is spec.get_topmost_subplotspec()
+
+
+def _fit(drawn: Figure) -> None:
+    """Break labels that are longer than their axes into lines."""
+    inches = drawn.get_size_inches()
+    named = [(axes, across, text) for axes in drawn.axes for across, text in
+             enumerate((axes.yaxis.label, axes.xaxis.label)) if text.get_visible()]  # fmt: skip
+    # to lay a picture out takes longer than all else: only for labels that may be too long
+    if all(
+        _LETTER * _longest(text) < 0.8 * (axes.get_position().size * inches)[1 - across]
+        for axes, across, text in named
+    ):
+        return
+    drawn.draw_without_rendering()
+    for axes, across, text in named:
+        length, most = text.get_window_extent().size[1 - across], axes.bbox.size[1 - across]
+        if length > most > 0:
+            text.set_text(wrapped(text.get_text(), max(8, _longest(text) * most / length)))
+
+
+def _longest(text: Text) -> int:
+    """Letters of the longest line of a text."""
+    return max(map(visible, text.get_text().split("\n")))
+
+
 def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
     """Break words or facts into lines no longer than `room`, in pixels."""
 
@@ -240,12 +273,11 @@ def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
     text.set_text("\n".join(lines).strip())
 
 
-def _film(result: Result, moves: str, drawn: Figure, path: Path) -> None:
+def _film(moves: Animation, drawn: Figure, path: Path) -> None:
     film = FFMpegWriter if path.suffix == ".mp4" else PillowWriter
     writer = film(fps=_FRAMES_PER_SECOND)
-    module = import_module(moves)
     with _style(), writer.saving(drawn, path, dpi=_FILM_DPI):
         _lay_out(drawn, _FILM_DPI)  # once: nothing shifts from frame to frame
-        for frame in range(module.FRAMES):
-            module.pose(drawn, result, frame)
+        for frame in range(moves.frames):
+            moves.show(drawn, frame)
             writer.grab_frame()

@@ -1,11 +1,21 @@
-"""A result for each picture."""
+"""A result for each picture, and what a picture shows where."""
 
 import dataclasses
+from collections.abc import Iterator
 from functools import cache
+from typing import NamedTuple
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.text import Text
 from places import SAVED
 
 import wormopt as wo
+from wormopt.kinds import KINDS
+from wormopt.pictures import figure
 from wormopt.result import Result
 
 # Packaged scenes whose results are drawn, by picture; those saved are made by results/make.py.
@@ -94,6 +104,9 @@ SCENES: dict[str, tuple[str, ...]] = {
 }
 
 
+PICTURES = sorted({picture for kind in KINDS.values() for picture in kind.pictures})
+
+
 @cache
 def real(name: str, *changes: str) -> Result:
     """Result of a packaged scene: saved where that takes long, computed once otherwise."""
@@ -111,3 +124,63 @@ def without(result: Result, *beginnings: str) -> Result:
     """A result that lacks the variables whose names begin so."""
     kept = tuple(v for v in result.variables if not v.name.startswith(beginnings))
     return dataclasses.replace(result, variables=kept)
+
+
+@cache
+def standard(picture: str) -> Figure:
+    """A picture as wide as a column, where there is least room, to be looked at only."""
+    return figure(sample(picture), picture, width=85)
+
+
+class Box(NamedTuple):
+    """What is written, or a legend or panel; whose it is; size in points; corners in pixels."""
+
+    what: str | Legend | Axes
+    owner: Axes | None
+    size: float
+    corners: np.ndarray
+
+
+def boxes(drawn: Figure) -> list[Box]:
+    """All texts that are seen."""
+    canvas = FigureCanvasAgg(drawn)
+    drawn.draw_without_rendering()
+    renderer, hidden = canvas.get_renderer(), set(_ticks_outside(drawn))
+    return [
+        Box(text.get_text(), text.axes, float(text.get_fontsize()),
+            text.get_window_extent(renderer).get_points())
+        for text in drawn.findobj(Text)
+        if isinstance(text, Text) and text.get_visible() and text.get_text().strip()
+        and text not in hidden
+    ]  # fmt: skip
+
+
+def _ticks_outside(drawn: Figure) -> Iterator[Text]:
+    """Labels of ticks that are not seen."""
+    for axis in (a for axes in drawn.axes for a in (axes.xaxis, axes.yaxis)):
+        low, high = sorted(axis.get_view_interval())
+        slack = 1e-9 * (high - low)
+        for minor in (False, True):
+            ticks = axis.get_minor_ticks() if minor else axis.get_major_ticks()
+            for at, tick in zip(axis.get_ticklocs(minor=minor), ticks, strict=False):
+                yield tick.label2
+                if not low - slack <= at <= high + slack:
+                    yield tick.label1
+
+
+def areas(drawn: Figure) -> tuple[list[Box], list[Box]]:
+    """Panels and legends of a picture that has been laid out."""
+    panels = [axes for axes in drawn.axes if axes.get_visible() and axes.axison]
+    own = [(legend, axes) for axes in panels if (legend := axes.get_legend())]
+    legends = [*((legend, None) for legend in drawn.legends), *own]
+    return (
+        [Box(axes, axes, 0.0, axes.get_window_extent().get_points()) for axes in panels],
+        [Box(legend, axes, 0.0, legend.get_window_extent().get_points())
+         for legend, axes in legends],
+    )  # fmt: skip
+
+
+def overlap(a: Box, b: Box) -> float:
+    """By how many pixels two boxes cover each other; below 0 they are apart."""
+    common = np.minimum(a.corners[1], b.corners[1]) - np.maximum(a.corners[0], b.corners[0])
+    return float(common.min())

@@ -20,9 +20,10 @@ from PIL import Image, ImageSequence
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.files import sealed
-from wormopt.plotting import draw, figure, save
+from wormopt.pictures import draw, figure, save
 from wormopt.result import Result
 from wormopt.systems.channel import pictures as rod
+from wormopt.systems.spiked import pictures as spiked
 
 
 def test_missing_variables_are_named_and_leave_no_file(tmp_path: Path):
@@ -47,7 +48,8 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
 
 
 def test_the_animation_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wormopt.systems.spiked.pictures.FRAMES", 12)  # of 72
+    short = dataclasses.replace(spiked.animation, frames=12)  # of 72
+    monkeypatch.setattr(spiked, "animation", short)
     path = tmp_path / "animation.gif"
     draw(sample("animation"), "animation", path, width=50)
     assert path.stat().st_size < 2_000_000
@@ -263,7 +265,7 @@ def test_an_animation_of_a_rod_is_drawn_frame_by_frame():
     result = sample("rod_motion")
     drawn = figure(result, "animation")
     before = drawn.axes[0].get_title(loc="left")
-    rod.pose(drawn, result, 100)
+    rod.animation.show(drawn, 100)
     assert drawn.axes[0].get_title(loc="left") != before
 
 

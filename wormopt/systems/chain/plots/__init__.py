@@ -1,1 +1,0 @@
-"""Pictures of chains in motion."""
