@@ -75,10 +75,6 @@ NonNegativePerMass = Annotated[
     NonNegative | tuple[NonNegative, ...],
     _words("a finite number, 0 or above, or a list of such numbers, one per mass"),
 ]
-NonNegativePerJoint = Annotated[
-    NonNegative | tuple[NonNegative, ...],
-    _words("a finite number, 0 or above, or a list of such numbers, one per joint"),
-]
 FinitePerLink = Annotated[
     Finite | tuple[Finite, ...],
     _words("a finite number, or a list of such numbers, one per link"),

@@ -27,7 +27,6 @@ from wormopt.systems.peristaltic.drag_gaits import (
     cost_matrix,
     small_gaits,
     stationary,
-    strain_rate_gain,
 )
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -127,6 +126,22 @@ def test_a_worm_without_segments_or_size_is_refused():
     for given_ in ({"segments": 1}, {"segments": 3, "drag": 0.0}):
         with pytest.raises(ArgumentError, match="two or more segments"):
             drag_worm(**{"exponent": 1.0, **given_})  # pyright: ignore[reportArgumentType]
+
+
+def strain_rate_gain(segments: int, *, fixed_total: bool = False) -> float:
+    """Return the gain k for the cost of strain rates in closed form: cot(phi / 2) / 2.
+
+    phi is 2 pi / N for a constant total length, which is a wave, else the root of
+    tan(N phi / 2) = -(N / 3) tan(phi / 2) between pi / N and 2 pi / N.
+    """
+    N = segments
+
+    def off(phi: float) -> float:
+        return 3 * np.sin(N * phi / 2) * np.cos(phi / 2) + N * np.cos(N * phi / 2) * np.sin(phi / 2)
+
+    whole = 2 * np.pi / N
+    phi = whole if fixed_total else float(brentq(off, np.pi / N, whole, xtol=1e-16, rtol=1e-15))  # pyright: ignore[reportArgumentType]
+    return float(1 / np.tan(phi / 2) / 2)
 
 
 def test_gains_in_closed_form_are_the_eigenvalues():

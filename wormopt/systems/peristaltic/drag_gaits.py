@@ -21,7 +21,6 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 from scipy.linalg import eigh
-from scipy.optimize import brentq
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
@@ -52,22 +51,6 @@ def cost_matrix(segments: int, cost: Cost) -> np.ndarray:
         return np.eye(segments)
     S = centres(segments)
     return S.T @ S + np.eye(segments) / 12
-
-
-def strain_rate_gain(segments: int, *, fixed_total: bool = False) -> float:
-    """Return the gain k for the cost of strain rates in closed form: cot(phi / 2) / 2.
-
-    phi is 2 pi / N for a constant total length, which is a wave, else the root of
-    tan(N phi / 2) = -(N / 3) tan(phi / 2) between pi / N and 2 pi / N.
-    """
-    N = segments
-
-    def off(phi: float) -> float:
-        return 3 * np.sin(N * phi / 2) * np.cos(phi / 2) + N * np.cos(N * phi / 2) * np.sin(phi / 2)
-
-    whole = 2 * np.pi / N
-    phi = whole if fixed_total else float(brentq(off, np.pi / N, whole, xtol=1e-16, rtol=1e-15))  # pyright: ignore[reportArgumentType]
-    return float(1 / np.tan(phi / 2) / 2)
 
 
 def mean_step(mode: np.ndarray) -> float:
