@@ -450,9 +450,9 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
         if worm.ground.contact is None:
             return
         walked = walk(worm, order != OFF, durations, found.start)
-        wrong = max(abs(walked.way - found.way), walked.slip) / found.way
+        wrong = max(abs(walked.displacement - found.displacement), walked.slip) / found.displacement
         advice = (
-            f"by the coils alone the displacement is {walked.way:.9g}, the slip "
+            f"by the coils alone the displacement is {walked.displacement:.9g}, the slip "
             f"{walked.slip:.3g}; {self.remedy}"
         )
         error = max(wrong, walked.loose / found.period)
