@@ -184,7 +184,7 @@ class Check:
     advice : str
         What is said of the result where it is more.
     passed : bool, optional
-        Whether it is accepted, where size alone does not tell.
+        Whether it is accepted, where size alone does not show it.
 
     Examples
     --------

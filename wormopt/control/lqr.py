@@ -40,12 +40,12 @@ def lqr(
     M e'' + D e' + S e = v [1]_. Without drag and load this feed-forward is
     c (y_ref - l0) + d y_ref' + M y_ref''.
 
-    M, D, S, f and K are numbers, taken once from the plant as it is believed. They are parameters
-    of the loop beside the plant's own, so that changing the plant's (``simulate(loop, p=...)``)
-    does not tell the controller.
+    M, D, S, f and K are numbers, taken once from the assumed plant. They are parameters of the loop
+    beside the plant's own, so the controller does not notice changes of the plant by
+    ``simulate(loop, p=...)``.
 
-    What the links' accelerations owe to other states than y and y', to the velocity of the whole
-    worm under unequal drag say, is left out, as if the mean of position and velocity were 0.
+    Accelerations of links by other states than y and y', such as the velocity of the whole worm
+    under unequal drag, are left out, as if the mean of position and velocity were 0.
     Contact forces are left out too.
 
     Parameters

@@ -34,7 +34,7 @@ class Experiment:
     Parameters
     ----------
     model : Model
-        With the best values known of what is unknown, and the worm's start.
+        With the best known values of the unknowns, and the worm's start.
     unknowns : sequence of Unknown
         What shall be known better, and what is not known beside it: a start, say. Its values are
         the model's own; its priors are what is known before.
@@ -44,12 +44,12 @@ class Experiment:
     times : array_like, shape (m,)
         When it is measured, ascending, not before 0, where the run begins.
     choices : sequence of Ramps, Waves and Constant
-        Courses and numbers that may be chosen.
+        Inputs over time and numbers that may be chosen.
     limits : mapping of str to (float, float), optional
         Least and largest value of states or outputs along the motion, infinite for none.
     known : array_like, shape (n, n), optional
         Covariance of the unknowns' coordinates that earlier runs left, as a Fit has it; infinite
-        variances for what they did not tell.
+        variances for unidentifiable ones.
     contact : Exact or Smooth, optional
         How contacts are treated.
 
@@ -60,7 +60,7 @@ class Experiment:
 
     Examples
     --------
-    A worm of one link whose rest length is moved: which course tells its damping?
+    A worm of one link whose rest length is moved: which motion identifies its damping?
 
     >>> import wormopt as wo
     >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)

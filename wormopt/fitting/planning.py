@@ -137,17 +137,17 @@ def plan_experiment(
     Parameters
     ----------
     experiment : Experiment
-        What may be chosen, and what is measured.
+        The choices and the measurements.
     criterion : Criterion
         `Experiment.criterion` or `mean_rate`.
     rivals : int, optional
-        How many are drawn.
+        Number of random experiments.
     starts : int, optional
-        From how many of them the search begins.
+        Number of the best of them from which the search begins.
     seed : int, optional
-        Of the draws.
+        Seed of the random numbers.
     report : callable, optional
-        Told how far it is, see `wormopt.progress`.
+        Receives the progress, see `wormopt.progress`.
 
     Returns
     -------
@@ -156,8 +156,8 @@ def plan_experiment(
     Raises
     ------
     SolveError
-        If limits are exceeded even where nothing is moved, or no run tells what is wanted; the
-        message names what cannot be told apart.
+        If limits are exceeded even without motion, or no run identifies the wanted unknowns; the
+        message names the combination that is not identifiable.
     Interrupted
         If the user stopped it; `partial` is the best Plan until then, None before there was one.
 
@@ -286,11 +286,11 @@ class _Search:
             low, high = (middle, high) if kept else (low, middle)
         return self.experiment.chosen.shrunk(chosen, low)
 
-    def improve(self, start: np.ndarray, tell: Callable[[], None]) -> float:
+    def improve(self, start: np.ndarray, report: Callable[[], None]) -> float:
         """Search from a point within all limits; returns the criterion at the end."""
         margin, here, value = 0.0, start, self.look(start).value
         for _ in range(_TIGHTER):
-            here = self._steps(here, margin, tell)
+            here = self._steps(here, margin, report)
             over = self.over(here)
             if over <= _KEPT:
                 break
@@ -320,7 +320,7 @@ class _Search:
                     return one
         return chosen
 
-    def _steps(self, start: np.ndarray, margin: float, tell: Callable[[], None]) -> np.ndarray:
+    def _steps(self, start: np.ndarray, margin: float, report: Callable[[], None]) -> np.ndarray:
         """Sequential quadratic programs, with a margin to limits along the motion."""
         allowed = self.experiment.chosen.excess
 
@@ -331,7 +331,7 @@ class _Search:
             return -np.vstack([allowed(chosen)[1], self.slopes(chosen)[1]])
 
         def value(chosen: np.ndarray) -> float:
-            tell()
+            report()
             return self.look(chosen).value
 
         limits = {"type": "ineq", "fun": room, "jac": by_chosen}

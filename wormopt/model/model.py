@@ -91,8 +91,7 @@ class Signal:
         Bounds that hold by the model's own nature; `TINY` below what must be positive. Values
         beyond them are refused.
     value : float or sequence of float, optional
-        What a state starts from and what a parameter or input is, unless a solver is told
-        otherwise.
+        Start of a state, or value of a parameter or input, unless a solver gets another.
 
     Raises
     ------

@@ -260,7 +260,7 @@ def optimise(
     solver : Solver, optional
         IPOPT where nothing is said.
     report : callable, optional
-        Told how far it is.
+        Receives the progress.
     explain : bool, optional
         Whether limits in conflict are sought where a solve fails, which takes longer than the
         solve.
@@ -441,7 +441,7 @@ def refine(
     solver : Solver, optional
         As given to `optimise`.
     report : callable, optional
-        Told how far it is.
+        Receives the progress.
 
     Returns
     -------
@@ -541,7 +541,7 @@ def optimise_multistart(
     solver : Solver, optional
         IPOPT where nothing is said.
     report : callable, optional
-        Told how far it is.
+        Receives the progress.
 
     Returns
     -------

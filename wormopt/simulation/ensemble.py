@@ -169,7 +169,7 @@ def simulate_ensemble(
         If the first so many members all spend all their steps, the others are given up, but for
         those that other threads have ended by then.
     report : callable, optional
-        Told what share is done.
+        Receives the share that is done.
 
     Returns
     -------

@@ -77,7 +77,7 @@ def ending(
     most_steps : int, optional
         Of the finest run.
     report : callable, optional
-        Told how far it is.
+        Receives the progress.
 
     Returns
     -------

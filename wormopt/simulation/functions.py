@@ -515,7 +515,7 @@ class System:
         rest; then how well resting ones determine their forces, 1 well, 0 not at all.
         """
         acceleration = self._at_forces(self._free_acceleration, self.forces)
-        values = self._grips.tells(acceleration, self.forces, self.delassus)
+        values = self._grips.deciding(acceleration, self.forces, self.delassus)
         return self.function("probe", ca.vertcat(values, self._determined))
 
     @cached_property

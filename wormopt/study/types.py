@@ -1,6 +1,6 @@
 """Types of scene values.
 
-Each type has a description, with which a message tells the user what to write. No number may be
+Each type has a description, which messages use to say what to write. No number may be
 NaN or infinite; the bounds `_LARGEST` exclude them.
 """
 
