@@ -32,7 +32,7 @@ from wormopt.model.explicit import Explicit
 from wormopt.model.model import TINY, Model
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.quantities import UNITS, parsed, unit_of
+from wormopt.quantities import parsed, unit_of_signal
 from wormopt.result import Result
 from wormopt.shown import one_line
 from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, error_output
@@ -265,8 +265,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 def _unit(quantity: str, units: str) -> dict[str, str]:
     """Unit of a quantity, or of a unit's name."""
-    known = quantity if quantity in UNITS or units == "SI" else "1"
-    unit = unit_of(known, units) if known in UNITS else known
+    unit = unit_of_signal(quantity, units)
     return {} if unit in ("1", "") else {"unit": unit}
 
 
