@@ -64,13 +64,13 @@ class Experiment:
 
     >>> import wormopt as wo
     >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
-    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> ramps = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
     >>> todo = wo.Experiment(
     ...     worm,
     ...     [wo.Unknown("damping"), wo.Unknown("stiffness")],
     ...     {"length": 0.01},
     ...     np.linspace(0.0, 4.0, 41),
-    ...     [course],
+    ...     [ramps],
     ... )
     >>> todo.size, todo.knowledge(np.array([1.0, 1.0, -1.0, -1.0])).rank
     (4, 2)
@@ -217,7 +217,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
         tolerance : Tolerance, optional
             How exactly.
         route : {"auto", "native", "python", "cvodes"}, optional
@@ -249,7 +249,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
         times : ndarray, shape (m,)
             When to sample it, from 0 on, to the end.
 
@@ -277,7 +277,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
         shift : ndarray, shape (n,)
             By how much coordinates of the unknowns are moved.
 
@@ -309,7 +309,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
 
         Returns
         -------
@@ -339,7 +339,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
         looks : int
             How often the motion is looked at.
 

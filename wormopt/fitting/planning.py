@@ -62,7 +62,7 @@ class Plan:
     ends : tuple of float
         Criterion at which each start of the search ended.
     excess : float
-        Largest excess of any limit, courses' and motion's, as a share; looked at closely.
+        Largest excess of any limit, of inputs or motion, as a share, on a fine grid.
     departure : float
         How far measurements depart from linear ones within two standard errors, in standard
         errors for each: above 0.1, expected errors may be off.
@@ -75,9 +75,9 @@ class Plan:
 
     >>> import wormopt as wo
     >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
-    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> ramps = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
     >>> todo = wo.Experiment(
-    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [course]
+    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [ramps]
     ... )
     >>> plan = wo.plan_experiment(todo, todo.criterion("D"), rivals=5, starts=1)
     >>> plan.value < plan.rivals[0].value, plan.known.rank
@@ -165,9 +165,9 @@ def plan_experiment(
     --------
     >>> import wormopt as wo
     >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
-    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> ramps = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
     >>> todo = wo.Experiment(
-    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [course]
+    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [ramps]
     ... )
     >>> plan = wo.plan_experiment(todo, todo.criterion("D"), rivals=5, starts=1)
     >>> plan.shrinks(plan.rivals[0].known) > 1.0, plan.excess < 1e-6
@@ -268,7 +268,7 @@ class _Search:
             if chosen is not None:
                 return chosen
         raise SolveError(
-            "limits along the motion are exceeded even where courses do not move",
+            "limits along the motion are exceeded even where the inputs do not change",
             "widen the limits, or begin elsewhere",
             code="no_room",
         )

@@ -536,7 +536,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
         times = np.linspace(0.0, experiment.end, _SHOWN)
         found: dict[str, Any] = {"time": times}
         for choice, part in experiment.chosen.parts(plan.chosen):
-            name, values = f"course_{choice.signal}", choice.course(part, times)
+            name, values = f"course_{choice.signal}", choice.over_time(part, times)
             dims = f"{name}_entry", "time"
             found[name] = Variable(
                 name, units[choice.signal], dims, values, f"input {choice.signal}"
