@@ -499,10 +499,10 @@ def _blocks(grid: Grid, ident: str, room: float) -> dict[int, str]:
             continue
         room -= size
         row = f"{ident}-row{point}" if len(grid.states) <= _MOST_ROWS else ident
-        told = f'<p class="told"><a href="#{row}">Its numbers</a></p>'
+        more = f'<p class="more"><a href="#{row}">Its numbers</a></p>'
         blocks[point] = (
             f'<details class="point" data-point="{point}"><summary>{escaped(grid.place(point))}'
-            f'</summary><div id="{own}">{told}{"".join(parts)}</div></details>'
+            f'</summary><div id="{own}">{more}{"".join(parts)}</div></details>'
         )
     return blocks
 
