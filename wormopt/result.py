@@ -362,8 +362,8 @@ class Result:
         -------
         xarray.Dataset
             Every dimension has a coordinate: its own variable, the names of its entries, or
-            numbers from 0. Where something jumps, what was before stands a last digit earlier, so
-            that every instant can be selected. Attributes are scene, kind, title and status.
+            numbers from 0. At a jump the earlier value has a time less by the last digit, so that
+            every instant can be selected. Attributes are scene, kind, title and status.
 
         Raises
         ------
@@ -399,7 +399,7 @@ class Result:
         -------
         pandas.DataFrame
             A row for each entry, columns ``length_0``, ``length_1`` and so on; the index is the
-            coordinate of `to_xarray`, units by column stand in ``attrs["units"]``. Of a sweep
+            coordinate of `to_xarray`, units by column are in ``attrs["units"]``. Of a sweep
             a row for each point: the swept keys, status, reason, and the numbers found.
 
         Raises

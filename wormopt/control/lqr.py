@@ -56,8 +56,8 @@ def lqr(
     reference : Reference
         What the output shall follow; ``follow(..., periodic=False)`` for one that ends.
     error_weight, rate_weight, input_weight : array_like, shape (), (n,) or (n, n)
-        Q_0 and Q_1, positive semidefinite, and R, positive definite. A number or one per link
-        stand on the diagonal. Only their ratios matter.
+        Q_0 and Q_1, positive semidefinite, and R, positive definite. A number, or one per
+        link, is for the diagonal. Only their ratios matter.
     p : mapping of str to array_like, optional
         The plant's parameters as the controller believes them, where they are not the model's
         own. What varies in time counts as it is at time 0.

@@ -2,7 +2,7 @@
 
 On a line, friction is the `frictionloss` of a tendon as long as the position of a mass. Friction
 F+ ahead and F- back is exactly one of (F+ + F-)/2 to both sides and a constant push of
-(F- - F+)/2, and a spike has a large F-. In the plane each mass stands on a foot that a spring
+(F- - F+)/2, and a spike has a large F-. In the plane each mass has a foot that a spring
 presses on the floor. A contact in MuJoCo lifts a body in proportion to its coefficient of friction,
 so the press is large, and the foot is heavy, but only upward.
 """

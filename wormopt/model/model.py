@@ -592,7 +592,7 @@ class Model:
         Returns
         -------
         ndarray, shape (m,)
-            From 0 to ``end``, both included; what is equal but for round-off stands once.
+            From 0 to ``end``, both included; without those equal up to round-off.
         """
         found = [0.0, end]
         for schedule in self.schedules:
@@ -673,7 +673,7 @@ def check_symbols(
     remedy: str,
     others: Callable[[], ca.SX] = lambda: _NONE,
 ) -> None:
-    """Refuse symbols that stand twice among the known ones, or in expressions and not there.
+    """Refuse symbols that occur twice among the known ones, or in expressions but not there.
 
     `expressions`: what each is called, and itself; `remedy` ends the message of ArgumentError;
     symbols in `others` pass.

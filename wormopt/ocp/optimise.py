@@ -275,8 +275,8 @@ def optimise(
     ArgumentError
         If the treatment of contact is not one of an optimisation.
     SolveError
-        If a level is not solved; the message says which limits stand against each other, or what
-        else to change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "late" or
+        If a level is not solved; the message says which limits are in conflict, or what else to
+        change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "late" or
         "not_solved".
     KeyboardInterrupt
         If the user stops it.
