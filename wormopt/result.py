@@ -230,7 +230,7 @@ class Trust(dict[str, Any]):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a study found, and how far to trust it.
+    """Result of a study, with its trust report.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ class Result:
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """What the trust report accepts or not, line by line."""
+        """Checks of the trust report."""
         checks = self.trust.get("checks", {}).items()
         return tuple(Check(name, **found) for name, found in checks if isinstance(found, Mapping))
 
@@ -452,7 +452,7 @@ class Result:
         return next((name for name in (*wanted, *there) if name in there), "")
 
     def summary(self) -> dict[str, Any]:
-        """What `wormopt run --json` prints: names, status, scalars, trust and timings.
+        """Data that `wormopt run --json` prints: names, status, scalars, trust and timings.
 
         Examples
         --------

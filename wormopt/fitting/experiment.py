@@ -194,7 +194,7 @@ class Experiment:
 
     @property
     def size(self) -> int:
-        """How many numbers are chosen, each from -1 to 1."""
+        """Number of chosen values, each from -1 to 1."""
         return self.chosen.size
 
     @cached_property

@@ -93,7 +93,7 @@ def correlation_of(
 def held_at(
     bounds: tuple[np.ndarray, np.ndarray], theta: np.ndarray, gradient: np.ndarray
 ) -> np.ndarray:
-    """Which coordinates are at an active bound, (n,)."""
+    """Mask of coordinates at an active bound, (n,)."""
     lower, upper = bounds
     near = 1e-8 * np.maximum(1.0, np.abs(theta))
     return ((theta - lower < near) & (gradient >= 0)) | ((upper - theta < near) & (gradient <= 0))
@@ -129,7 +129,7 @@ _INVOLVED = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """What is known of unknown numbers, as if by independent measurements with Gaussian noise.
+    """Knowledge of unknowns, as if from independent measurements with Gaussian noise.
 
     Kept as a factor R of the Fisher information R'R, which is never formed: squared, half the
     digits would be lost.
@@ -267,7 +267,7 @@ def _inverse_root(covariance: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """What a measurement should be good for: small errors of combinations of the unknowns.
+    """Purpose of a measurement: small errors of combinations of the unknowns.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ _SETTLED = 1e-4  # share of the squares that a fit of the run's own unknowns may
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a fit says of a run that it has not seen.
+    """Prediction of a run that the fit did not use.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ Treatment = Smooth | Exact
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How exact each step shall be, and how much work may be spent.
+    """Accuracy of each step, and limits of work.
 
     Parameters
     ----------

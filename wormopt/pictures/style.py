@@ -205,7 +205,7 @@ def labels(what: str, count: int, *, worm: bool = True) -> list[str]:
 
 
 def named(count: int) -> Sequence[int]:
-    """Which of many entries a legend names: the ends and the middle of more than nine."""
+    """Indices that a legend names: of more than nine entries the ends and the middle."""
     return range(count) if count <= len(MASSES) else (0, count // 2, count - 1)
 
 

@@ -39,7 +39,7 @@ Found = tuple[Trajectory, str]
 
 @dataclass(frozen=True)
 class Scenario:
-    """What one motion of an ensemble has of its own.
+    """Own values of one motion of an ensemble.
 
     Parameters
     ----------

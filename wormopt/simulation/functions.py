@@ -135,7 +135,7 @@ _DRAWS, _SINGULAR = 3, 1e-12
 
 
 def _zeros(column: ca.SX) -> np.ndarray:
-    """Which entries are 0 for all values of their symbols."""
+    """Mask of entries that are 0 for all values of their symbols."""
     entries = ca.densify(column)
     drawn = ca.Function("entries", [ca.vertcat(*ca.symvar(entries))], [entries])
     random = np.random.default_rng(0)

@@ -292,7 +292,7 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
 
     @property
     def sought(self) -> Aim:
-        """What is maximised."""
+        """The maximised quantity."""
         return "speed" if self.objective.maximise else "thrift"
 
     @cached_property
@@ -327,7 +327,7 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
 
     @property
     def remedy(self) -> str:
-        """What to write if the best times are not determined well enough."""
+        """Advice if the best times are not determined well enough."""
         slow = max(self.worm.times)
         return (
             f"write limits.period within [{slow:g}, {_USED * self.worm.segments * slow:g}], where "

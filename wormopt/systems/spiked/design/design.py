@@ -592,7 +592,7 @@ def _images(trial: Trial) -> Iterator[Trial]:
 
 
 def _turned(trial: Trial, image: GaitProgram, order: np.ndarray) -> Point | None:
-    """The same motion from another arc on; None if the programs have different columns."""
+    """Rotate a motion to another first arc; None if the programs have different columns."""
     program = trial.program
     if len(image.bilinear.upper) != len(trial.point.x):
         return None
