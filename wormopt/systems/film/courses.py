@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import casadi as ca
@@ -20,6 +20,7 @@ from wormopt.analysis.steady import Rates, SteadyState, rates_of
 from wormopt.errors import Interrupted, SolveError
 from wormopt.model.model import Model, Signal, pack
 from wormopt.numerics.newton import newton
+from wormopt.numerics.workers import each
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
@@ -78,8 +79,15 @@ class Setting:
 class Steady:
     """A steady film."""
 
-    state: SteadyState  # with eigenvalues
     thickness: np.ndarray  # (points,)
+    rates: Rates
+    x: np.ndarray
+    p: np.ndarray
+
+    @cached_property
+    def state(self) -> SteadyState:
+        """The state with eigenvalues, which take longer than the state itself."""
+        return self.rates.steady(self.x, self.p)
 
     @property
     def growth(self) -> float:
@@ -146,7 +154,7 @@ def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | Non
     h = film_thickness(x[0], order=order)
     if h.min() <= 0:
         return None
-    return Steady(rates.steady(x[0], p), h)
+    return Steady(h, rates, x[0], p)
 
 
 def flow(setting: Setting, thickness: np.ndarray) -> np.ndarray:
@@ -341,24 +349,53 @@ def steady_branches(
 # -- where flat films go ---------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Fate:
+    """Where a film goes: numbers of its Course on the most points."""
+
+    outcome: Outcome = "unresolved"
+    distance: float | None = None
+    growth: float | None = None
+    growth_end: float | None = None
+    crest: float | None = None
+    least: float | None = None
+    time: float | None = None
+    points: int | None = None
+
+
 def basins(
     setting: Setting, delta: Sequence[float], tension: Sequence[float], report: Report
-) -> list[list[Course | None]]:
+) -> list[list[Fate]]:
     """Simulate a flat film in the field of every cosine wave, by amplitude, then tension.
 
-    None where the allowed steps did not suffice.
+    Only the outcome is known, "unresolved", where the allowed steps did not suffice.
     """
-    courses: list[list[Course | None]] = [[] for _ in delta]
-    for k, (i, j) in enumerate(np.ndindex(len(delta), len(tension))):
-        report(f"map: delta = {delta[i]:g}, W = {tension[j]:g}", k / (len(delta) * len(tension)))
-        wave, W = CosineWave(delta[i]), tension[j]
-        slope, flat = WaveField(wave, W).slope, np.ones_like
-        own = replace(setting, slope=slope, tension=W, start=flat, wave=wave.height)
-        try:
-            courses[i].append(resolved(own, once=True).course)
-        except SolveError:
-            courses[i].append(None)
-    return courses
+    jobs = [
+        replace(setting, slope=WaveField(wave, W).slope, tension=W, start=np.ones_like,
+                wave=wave.height)
+        for wave in map(CosineWave, delta)
+        for W in tension
+    ]  # fmt: skip
+    found = dict(each(_fate, jobs, report, "films of the map"))
+    row = range(len(tension))
+    return [[found[i * len(row) + j] for j in row] for i in range(len(delta))]
+
+
+def _fate(setting: Setting) -> Fate:
+    try:
+        course = resolved(setting, once=True).course
+    except SolveError:
+        return Fate()
+    return Fate(
+        course.outcome,
+        course.distance,
+        course.wave and course.wave.growth,
+        course.end and course.end.growth,
+        float(course.thickness[:, -1].max()),
+        float(course.thickness.min()),
+        float(course.time[-1]),
+        course.points,
+    )
 
 
 # -- under the field of a row of coils -------------------------------------------------------------

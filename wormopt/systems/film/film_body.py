@@ -246,7 +246,7 @@ class FilmBody(Study, kind="film-body"):
         message = (
             f"{given:g}: the float would oscillate about {swings:.1g} times in a trough, too often"
         )
-        raise SceneError(self.name, [(key, message + f"to be simulated; {fewer}")])
+        raise SceneError(self.name, [(key, message + f" to be simulated; {fewer}")])
 
     def massless(self, xi: np.ndarray) -> np.ndarray:
         """Velocity of the body without mass, at phases (n,)."""

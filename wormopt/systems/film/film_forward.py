@@ -42,6 +42,7 @@ with on_use():
         OUTCOMES,
         TAIL,
         Course,
+        Fate,
         Resolved,
         Setting,
         basins,
@@ -234,6 +235,7 @@ class Branches:
 
 
 _MAP = "map_delta map_tension"
+_OF_FILMS = ("distance", "growth_end", "crest", "least", "time", "points")
 
 
 @dataclass(frozen=True, eq=False)
@@ -419,7 +421,7 @@ class FilmForward(Study, kind="film-forward"):
         )  # fmt: skip
 
     @stage
-    def flat_films(self) -> list[list[Course | None]]:
+    def flat_films(self) -> list[list[Fate]]:
         assert self.map is not None
         return basins(self.setting, self.map.delta, self.map.tension, self.report)
 
@@ -639,14 +641,12 @@ def _branches(found: Sequence[Branch], order: int) -> Branches:
     )
 
 
-def _basins(courses: Sequence[Sequence[Course | None]], films: FlatFilms) -> Basins:
-    def over(of: Callable[[Course], float | None]) -> np.ndarray:
-        rows = [[None if course is None else of(course) for course in row] for row in courses]
-        return np.array(rows, dtype=float)
+def _basins(fates: Sequence[Sequence[Fate]], films: FlatFilms) -> Basins:
+    def over(name: str) -> np.ndarray:
+        return np.array([[getattr(fate, name) for fate in row] for row in fates], dtype=float)
 
-    outcomes = [[course.outcome if course else "unresolved" for course in row] for row in courses]
-    outcome = np.array([[OUTCOMES.index(each) for each in row] for row in outcomes])
-    growth = over(lambda course: course.wave and course.wave.growth)
+    outcome = np.array([[OUTCOMES.index(fate.outcome) for fate in row] for row in fates])
+    growth = over("growth")
     return Basins(
         *(int(np.sum(outcome == k)) for k in range(len(OUTCOMES))),
         map_wave_unstable=int(np.sum(growth > 0)),
@@ -654,11 +654,6 @@ def _basins(courses: Sequence[Sequence[Course | None]], films: FlatFilms) -> Bas
         map_delta=films.delta,
         map_tension=films.tension,
         map_outcome=outcome,
-        map_distance=over(lambda course: course.distance),
         map_growth=growth,
-        map_growth_end=over(lambda course: course.end and course.end.growth),
-        map_crest=over(lambda course: course.thickness[:, -1].max()),
-        map_least=over(lambda course: course.thickness.min()),
-        map_time=over(lambda course: course.time[-1]),
-        map_points=over(lambda course: course.points),
+        **{f"map_{name}": over(name) for name in _OF_FILMS},
     )
