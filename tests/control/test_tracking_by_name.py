@@ -33,9 +33,9 @@ def wheel() -> wo.Model:
     return wo.Model("wheel", states, ode, u=inputs, outputs=outputs)
 
 
-NAMES = {"output": "phi", "input": "torque"}
+NAMES: Any = {"output": "phi", "input": "torque"}
 TUBE: Any = {"tube_radius": 0.05, "adaptation": Quadratic(1e4)}
-FUNNELS = {"funnel": WIDE, "rate_funnel": WIDE}
+FUNNELS: Any = {"funnel": WIDE, "rate_funnel": WIDE}
 Close = Callable[[wo.Model, Reference], wo.Model]
 LOOPS: dict[str, Close] = {
     "lambda": lambda plant, aim: lambda_tracker(plant, aim, **TUBE, **NAMES),

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterator
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -136,7 +136,7 @@ class Box(NamedTuple):
     """What is written, or a legend or panel; whose it is; size in points; corners in pixels."""
 
     what: str | Legend | Axes
-    owner: Axes | None
+    owner: Any
     size: float
     corners: np.ndarray
 

@@ -28,7 +28,7 @@ def collisions(drawn: Figure) -> list[str]:
     off = [
         f"{box.what} leaves the sheet"
         for box in (*written, *legends)
-        if (box.corners < -1).any() or (box.corners[1] > [*drawn.bbox.size + 1]).any()
+        if (box.corners < -1).any() or (box.corners[1] > [*(np.array(drawn.bbox.size) + 1)]).any()
     ]
     pairs = [*combinations(written, 2), *combinations(panels, 2), *combinations(legends, 2)]
     # texts and legends in their own panel are meant to be there

@@ -368,8 +368,8 @@ def test_places_on_the_way_and_corridors_are_kept():
     via = PathTask(np.zeros(3), goal, FINE, via=[(0.9, 0.35)], via_radius=0.1)
     path = plan_path(via, ALL, NEAR, cost="steps", cell=(0.1, 0.1))
     assert np.hypot(*(path.poses[:, :2] - (0.9, 0.35)).T).min() <= 0.1
-    line = np.array([[-1.3, 0.0], [1.7, 0.0]])
-    straight = PathTask(np.zeros(3), goal, FINE, corridor=Corridor(line, 0.05))
+    line = Corridor(((-1.3, 0.0), (1.7, 0.0)), 0.05)
+    straight = PathTask(np.zeros(3), goal, FINE, corridor=line)
     path = plan_path(straight, ALL, NEAR, cost="steps", cell=(0.1, 0.1))
     places = simulate_path(path, looks=8).places
     assert np.abs(places[..., 1]).max() <= 0.05

@@ -48,9 +48,11 @@ def solved(task: GaitProblem, *level: int) -> float:
     return Program(Outer(Statement.of(task)), Level(*level)).solve(60.0)[0]
 
 
-def assert_proven(found: Bounded) -> None:
+def proven(found: Bounded) -> Certificate:
+    """The certificate of a bound, after it was verified."""
     assert found.certificate is not None
     assert verify(found.certificate).holds
+    return found.certificate
 
 
 # -- motions that are true by construction -----------------------------------------------------
@@ -258,7 +260,7 @@ def test_one_link_is_bounded_by_its_closed_form(task: Any):
     best = max(one_link_speed(task.worm, task.limits.vary(period=float(t))) for t in periods)
     found = bound_of(task, best, 0.02)
     assert best * (1 - 1e-12) <= found.bound <= best * 1.02  # the best lies between two of these
-    assert_proven(found)
+    proven(found)
 
 
 def test_one_link_by_hand():
@@ -303,7 +305,7 @@ def test_bounds_come_near_the_best_gaits_known(task: GaitProblem, best: float, g
     found = bound_of(task, best, gap)
     assert best < found.bound <= best * (1 + gap)
     assert found.ending == "gap reached"
-    assert_proven(found)
+    proven(found)
 
 
 def test_strokes_that_fit_into_a_short_period_are_proven():
@@ -311,8 +313,7 @@ def test_strokes_that_fit_into_a_short_period_are_proven():
     found = bound_of(g1(resting=2, period=1.0), 0.275, 0.005)
     assert found.ending == "gap reached"
     assert 0.275 <= found.bound <= 0.275 * 1.005
-    assert_proven(found)
-    file = json.loads(found.certificate.text)
+    file = json.loads(proven(found).text)
     assert all(0.275 <= Fraction(stroke) < 0.28 for stroke in file["proof"]["strokes"])
     first = file["proof"]["stroke_proofs"][0]
     first["bound"] = less(first["bound"])
@@ -385,16 +386,16 @@ def test_a_peak_load_is_bounded_from_below():
     found = bound_of(task, LEAST_PEAK, 0.2)
     assert found.ending == "gap reached"
     assert 0.8 * LEAST_PEAK <= found.bound <= LEAST_PEAK
-    assert_proven(found)
-    assert found.certificate.bound < 0.75  # no gait of a smaller peak is so fast
-    assert Fraction(json.loads(found.certificate.text)["problem"]["spike_load"][0]) <= LEAST_PEAK
+    certified = proven(found)
+    assert certified.bound < 0.75  # no gait of a smaller peak is so fast
+    assert Fraction(json.loads(certified.text)["problem"]["spike_load"][0]) <= LEAST_PEAK
 
 
 def test_long_worms_are_bounded_by_the_mean_rates_of_their_links():
     """n/2 r D/(D + r^2/a), which is below the ceiling of rates n/2 r."""
     found = bound_of(g1(5), 1.9)
     assert found.bound == pytest.approx(2.5 * 0.6 / 0.65, rel=1e-8)
-    assert_proven(found)
+    proven(found)
 
 
 def test_jumps_are_bounded_by_rates_and_resting_masses():
