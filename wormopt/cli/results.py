@@ -328,7 +328,7 @@ def add_export(commands: Any) -> None:
         metavar="N",
         type=int,
         default=1,
-        help="number of gait periods in --ros (default: %(default)s)",
+        help="number of cycles of the gait in --ros (default: %(default)s)",
     )
     command.add_argument(
         "--columns",
@@ -339,7 +339,7 @@ def add_export(commands: Any) -> None:
     command.add_argument(
         "--whole-steps",
         action="store_true",
-        help="slow the gait down in --csv so that its period is a whole number of steps",
+        help="slow the gait of --csv, --c and --ros down to a cycle of a whole number of steps",
     )
     command.add_argument(
         "--rest",
