@@ -132,7 +132,7 @@ def _printable(text: str) -> str:
 
 
 class OutputError(WormoptError):
-    """The output folder cannot be used; the message says what stands in the way."""
+    """The output folder cannot be used; the message says why."""
 
 
 class SolveError(WormoptError):

@@ -95,6 +95,13 @@ def unit_of(quantity: str, units: str) -> str:
     return unit if units == "SI" else "1"
 
 
+def unit_of_signal(unit: str, units: str) -> str:
+    """Unit of a signal of a Model, which names a quantity or a unit, in a system of units."""
+    if unit in UNITS:
+        return unit_of(unit, units)
+    return unit if units == "SI" else "1"
+
+
 @cache
 def check_quantity(whose: str, unit: str) -> None:
     """Raise ArgumentError if `unit` is neither a quantity nor a unit that no quantity has."""

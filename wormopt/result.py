@@ -184,7 +184,7 @@ class Check:
     advice : str
         What is said of the result where it is more.
     passed : bool, optional
-        Whether it is accepted, where size alone does not tell.
+        Whether it is accepted, where size alone does not show it.
 
     Examples
     --------
@@ -230,7 +230,7 @@ class Trust(dict[str, Any]):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a study found, and how far to trust it.
+    """Result of a study, with its trust report.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ class Result:
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """What the trust report accepts or not, line by line."""
+        """Checks of the trust report."""
         checks = self.trust.get("checks", {}).items()
         return tuple(Check(name, **found) for name, found in checks if isinstance(found, Mapping))
 
@@ -362,8 +362,8 @@ class Result:
         -------
         xarray.Dataset
             Every dimension has a coordinate: its own variable, the names of its entries, or
-            numbers from 0. Where something jumps, what was before stands a last digit earlier, so
-            that every instant can be selected. Attributes are scene, kind, title and status.
+            numbers from 0. At a jump the earlier value has a time less by the last digit, so that
+            every instant can be selected. Attributes are scene, kind, title and status.
 
         Raises
         ------
@@ -399,7 +399,7 @@ class Result:
         -------
         pandas.DataFrame
             A row for each entry, columns ``length_0``, ``length_1`` and so on; the index is the
-            coordinate of `to_xarray`, units by column stand in ``attrs["units"]``. Of a sweep
+            coordinate of `to_xarray`, units by column are in ``attrs["units"]``. Of a sweep
             a row for each point: the swept keys, status, reason, and the numbers found.
 
         Raises
@@ -452,7 +452,7 @@ class Result:
         return next((name for name in (*wanted, *there) if name in there), "")
 
     def summary(self) -> dict[str, Any]:
-        """What `wormopt run --json` prints: names, status, scalars, trust and timings.
+        """Data that `wormopt run --json` prints: names, status, scalars, trust and timings.
 
         Examples
         --------

@@ -334,6 +334,18 @@ def test_co_simulation_is_the_motion_whatever_the_steps(tmp_path: Path):
 
 
 @needs_compiler
+def test_co_simulation_stops_where_a_derivative_is_no_number(tmp_path: Path):
+    """x' = sqrt(1 - t) ends at 1, whatever the states after it do."""
+    fmpy = pytest.importorskip("fmpy")
+    t, x, y = (ca.SX.sym(name) for name in "txy")
+    states = [wo.Signal("x", x, value=0.0), wo.Signal("y", y, value=0.0)]
+    model = wo.Model("ending", states, ca.vertcat(ca.sqrt(1 - t), 1), t=t)
+    (fmu,) = wo.export(model, "fmu", tmp_path)
+    with pytest.raises(pytest.importorskip("fmpy.fmi1").FMICallException, match="fmi3DoStep"):
+        fmpy.simulate_fmu(str(fmu), fmi_type="CoSimulation", stop_time=2.0, output_interval=1.5)
+
+
+@needs_compiler
 def test_a_saved_state_of_an_fmu_is_restored(tmp_path: Path):
     """The swing's x'' = -2 t x from 0.5 at time 0, stepped twice over the same interval."""
     fmpy = pytest.importorskip("fmpy")

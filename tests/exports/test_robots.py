@@ -237,8 +237,8 @@ def test_mujoco_compiles_the_files_without_a_warning(
 
 
 def test_a_spiked_worm_moves_in_mujoco_as_by_formula(fast: Result):
-    """The way of gait (15) per cycle is 4 e l0 = 1.2; the error is in proportion to the step."""
-    errors = [abs(p.ways[-1, 0] - 1.2) for p in played(fast, [0.01, 0.003, 0.001])]
+    """Gait (15) moves by 4 e l0 = 1.2 per cycle; the error is in proportion to the step."""
+    errors = [abs(p.displacements[-1, 0] - 1.2) for p in played(fast, [0.01, 0.003, 0.001])]
     assert errors[0] < 0.1
     assert errors[1] < errors[0] / 2
     assert errors[2] < errors[1] / 2

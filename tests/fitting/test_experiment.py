@@ -87,7 +87,7 @@ WAVES = Waves("rest_length", (2.0, 1.0), (0.3, 2.0), 3, change=0.4, rate=2.5)
 def test_courses_keep_their_limits_at_all_times_and_reach_one(choice, seed):
     chosen = choice.draw(np.random.default_rng(seed))
     time = np.linspace(0.0, 3.0, 60_001)
-    course = choice.course(chosen, time)
+    course = choice.over_time(chosen, time)
     assert course[:, 0] == pytest.approx(choice.base, abs=1e-12)
     change = np.abs(course - course[:, :1]).max() / choice.change
     rate = np.abs(np.diff(course)).max() / np.diff(time).min() / choice.rate
@@ -112,7 +112,7 @@ def test_the_model_is_moved_as_chosen(choice):
     chosen, time = choice.draw(np.random.default_rng(1)), np.linspace(0.0, 4.0, 81)
     p, schedules = choice.values(chosen)
     motion = wo.simulate(choice.put(worm), 4.0, times=time, p=p, schedules=schedules)
-    assert motion["rest_length"] == pytest.approx(choice.course(chosen, time), abs=1e-12)
+    assert motion["rest_length"] == pytest.approx(choice.over_time(chosen, time), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_limits_along_the_motion_hold_between_looks_too():
 def test_no_room_and_nothing_told_are_said():
     both = wo.Unknown("mass", {"mass": [1.0, 1.0]})
     todo = pushed(Ramps("input", (0.0,), 1.0, 2, 1.0), both, limits={"length": (2.0, 3.0)})
-    with pytest.raises(SolveError, match="even where courses do not move"):
+    with pytest.raises(SolveError, match="even where the inputs do not change"):
         wo.plan_experiment(todo, todo.criterion("D"), rivals=2)
     todo = pushed(Ramps("input", (0.0,), 1.0, 2, 1.0), wo.Unknown("drag", {"load": [1.0, 1.0]}))
     twice = [wo.Unknown("m", {"mass": [1.0, 1.0]}), wo.Unknown("n", {"mass": [1.0, 1.0]})]

@@ -111,7 +111,7 @@ def recorded(todo: wo.Experiment, chosen: np.ndarray, values: np.ndarray) -> np.
     (course,) = todo.choices
     assert isinstance(course, wo.Ramps)
     knots = np.linspace(0.0, todo.end, course.pieces + 1)
-    rows = course.course(chosen, knots) - 2.0
+    rows = course.over_time(chosen, knots) - 2.0
     slopes = np.diff(rows) / np.diff(knots)
     pieces = np.stack([rows[:, :-1].T, slopes.T], axis=2)
     bodies = chain(

@@ -243,7 +243,7 @@ def with_one(values: np.ndarray, at: int, value: float) -> np.ndarray:
     [
         (with_one(TIME, 4, np.nan), GOOD, {}, "time 4 is nan"),
         (with_one(TIME, 4, 0.01), GOOD, {}, "goes backwards"),
-        (with_one(TIME, 4, TIME[3]), GOOD, {}, "stands twice"),
+        (with_one(TIME, 4, TIME[3]), GOOD, {}, "occurs twice"),
         (TIME[:1], {"position": [1.0]}, {}, "at least two"),
         (TIME, {}, {}, "readings by name"),
         (TIME, {"position": np.full(61, np.nan)}, {}, "no reading at all"),

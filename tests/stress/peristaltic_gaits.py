@@ -79,7 +79,7 @@ def _small(dice: Dice) -> Judged:
     gait, m = best.gait(effort, 1.0, period), 256
     t = period * np.arange(m) / m
     lengths, rates = gait.on_piece(0, t, 0), gait.on_piece(0, t, 1)
-    told = best.way(exponent, effort, 1.0, period)
+    told = best.displacement(exponent, effort, 1.0, period)
     yield "way", apart(_way(lengths, rates, exponent, period), told, 1e-2)
 
 

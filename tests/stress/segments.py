@@ -23,8 +23,7 @@ from wormopt.systems.peristaltic.drag_gaits import small_gaits
 from wormopt.systems.peristaltic.membranes import (
     Fibres,
     balloon,
-    barrel_meridian,
-    barrel_stretch,
+    barrel_swelling,
     inflated,
     limit_of_inflation,
     range_of_fill,
@@ -207,12 +206,10 @@ def _inflated(dice: Dice) -> Judged:
 
 def _barrel(dice: Dice) -> Judged:
     """A barrel of the volume of the cylinder it was."""
-    wide = 1 + spread(dice, 1e-8, 2.0)
-    stretch = float(barrel_stretch(wide))
+    stretch = spread(dice, 0.1, 5.0)
     nodes, weights = np.polynomial.legendre.leggauss(8)
-    radius = barrel_meridian(stretch, nodes)
+    radius = 1 + (barrel_swelling(stretch) - 1) * (1 - nodes**2)
     yield "volume", apart(stretch * (weights / 2) @ radius**2, 1.0, 1e-12)
-    yield "middle", apart(barrel_meridian(stretch, 0.0), wide, 1e-12)
 
 
 def _balloon(dice: Dice) -> Judged:

@@ -224,7 +224,7 @@ def test_an_instant_with_two_rows_is_a_break_of_the_rates(tmp_path: Path):
 
 def test_lengths_that_jump_are_refused_by_their_line(tmp_path: Path):
     text = "t,l_0\n0,1\n0.25,1.25\n0.5,1.5\n0.5,1.4\n0.75,1.25\n1,1\n"
-    with pytest.raises(ArgumentError, match=r"line 5: time 0\.5 stands twice, and the lengths"):
+    with pytest.raises(ArgumentError, match=r"line 5: time 0\.5 occurs twice, and the lengths"):
         wo.load_gait(gait_file(tmp_path, text))
 
 

@@ -134,7 +134,7 @@ class Branch:
         ----------
         values : array_like, shape (k,)
             Values. Where the branch folds back it has several states at one value; values that it
-            does not reach are left out, and those nearer to a fold than Newton's method can tell.
+            does not reach are left out, and those too near to a fold for Newton's method.
 
         Returns
         -------

@@ -199,7 +199,7 @@ def steady_states(
     ------
     ArgumentError
         If the model is not autonomous, a state has no range or one that is upside down, or a state
-        changes no rate, so that no steady state stands alone.
+        changes no rate, so that no steady state is isolated.
 
     Examples
     --------
@@ -251,8 +251,8 @@ def _check_alone(rates: Rates, x: np.ndarray, p: np.ndarray) -> None:
     cyclic = sorted({name for name, slope in zip(names, slopes, strict=True) if slope == 0})
     if cyclic:
         raise ArgumentError(
-            f"{', '.join(cyclic)} changes no rate of {rates.model.name}: no steady state stands "
-            "alone; leave it out of the model"
+            f"{', '.join(cyclic)} changes no rate of {rates.model.name}: no steady state is "
+            "isolated; leave it out of the model"
         )
 
 

@@ -118,7 +118,7 @@ def vibration_modes(
     UnknownNameError
         If the model has no such outputs.
     SolveError
-        If more motions than `rigid` are not told from rest ("hidden").
+        If more motions than `rigid` cannot be distinguished from rest ("hidden").
 
     Examples
     --------

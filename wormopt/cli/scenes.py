@@ -158,7 +158,7 @@ def _list(options: argparse.Namespace) -> int:
 
 
 class _Packaged(NamedTuple):
-    """What is shown of a packaged scene; its tables are not read."""
+    """Summary of a packaged scene; its tables are not read."""
 
     name: str
     title: str

@@ -20,32 +20,32 @@ _EXCESS = 1e-8
 
 
 def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
-    """Put a course of time for all inputs of a plant.
+    """Replace all inputs of a plant by functions of time.
 
     Parameters
     ----------
     plant : Model
         With at least one input.
     inputs : Gait
-        Course of the inputs from time 0 on, one row per scalar input in the order of ``plant.u``.
-        It may jump at breaks.
+        Inputs from time 0 on, one row per scalar input in the order of ``plant.u``. They may jump
+        at breaks.
     periodic : bool, optional
-        Whether the course repeats. Otherwise the inputs hold the course's last value after it has
-        ended, and its first value before time 0.
+        Whether they repeat. Otherwise the inputs keep their first value before time 0 and their
+        last value after the end.
 
     Returns
     -------
     Model
         The plant without inputs, with the output ``input`` (all of them, in their order) and the
-        schedule ``input``, by which solvers stop at every break. Courses with as many pieces and
-        powers share one compiled model. Inputs with bounds are cut to them where they exceed them
-        by more than 1e-8 of their size; the output ``saturated`` is then 1 for each input that is
-        cut, else 0.
+        schedule ``input``, by which solvers stop at every break. Inputs with equal numbers of
+        pieces and powers share one compiled model. Inputs with bounds are cut to them where they
+        exceed them by more than 1e-8 of their size; the output ``saturated`` is then 1 for each
+        input that is cut, else 0.
 
     Raises
     ------
     ArgumentError
-        If the plant is no Model, the course no Gait, or it has not one row per scalar input.
+        If the plant is not a Model, or `inputs` not a Gait with one row per scalar input.
 
     Examples
     --------
@@ -65,9 +65,9 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
         raise ArgumentError(f"inputs must be a Gait of one row each, not {type(inputs).__name__}")
     size = sum(signal.size for signal in plant.u)
     if inputs.links != size:
-        raise ArgumentError(f"{plant.name} has {size} scalar inputs, the course {inputs.links}")
-    course = gait_reference(inputs, plant.t, periodic=periodic, name="input")
-    value, saturation = _cut(plant.u, course.value)
+        raise ArgumentError(f"inputs: {inputs.links} rows for {size} scalar inputs of {plant.name}")
+    reference = gait_reference(inputs, plant.t, periodic=periodic, name="input")
+    value, saturation = _cut(plant.u, reference.value)
     units = {signal.unit for signal in plant.u}
     shown = Output("input", value, units.pop() if len(units) == 1 else "1")
     fed = feed(plant, plant.u, value)
@@ -75,20 +75,20 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
         fed,
         name=f"{plant.name}, driven",
         outputs=[*fed.outputs, shown, *saturation],
-        schedules=[*fed.schedules, *course.schedules],
+        schedules=[*fed.schedules, *reference.schedules],
     )
 
 
-def _cut(inputs: Sequence[Signal], course: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
+def _cut(inputs: Sequence[Signal], values: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
     """Cut inputs over time to their bounds; also the output that shows where.
 
     Without bounds the inputs are unchanged, and there is no output.
     """
     bounds = np.array([(s.lower, s.upper, s.nominal) for s in inputs for _ in range(s.size)])
     if not np.any(np.isfinite(bounds[:, :2])):
-        return course, ()
+        return values, ()
     kept, cut = [], []
-    for command, (lower, upper, nominal) in zip(ca.vertsplit(course), bounds.tolist(), strict=True):
+    for command, (lower, upper, nominal) in zip(ca.vertsplit(values), bounds.tolist(), strict=True):
         low = command < lower - _EXCESS * max(abs(lower), nominal) if lower > -np.inf else ca.SX(0)
         high = command > upper + _EXCESS * max(abs(upper), nominal) if upper < np.inf else ca.SX(0)
         kept.append(ca.if_else(low, lower, ca.if_else(high, upper, command)))

@@ -237,7 +237,7 @@ class Task:
             raise ArgumentError("links without stiffness have no rest length to return to")
         return self.plant.response(self.omega)
 
-    def course(self, loop: FrozenLoop, *, pushed: bool) -> np.ndarray:
+    def error_over_period(self, loop: FrozenLoop, *, pushed: bool) -> np.ndarray:
         """Error over a period, shape (m, N); `pushed`: also under the mean forces."""
         acting = self.load + self.force if pushed else self.load
         still = -np.linalg.solve(self.plant.A, self.plant.F @ acting)
@@ -251,15 +251,15 @@ class Task:
         """Largest steady-state error without dry friction, inf if the loop is unstable."""
         if not loop.stable:
             return np.inf
-        return float(np.linalg.norm(self.course(loop, pushed=False), axis=0).max())
+        return float(np.linalg.norm(self.error_over_period(loop, pushed=False), axis=0).max())
 
     def bound(self, loop: FrozenLoop) -> float:
         """Upper bound of the steady-state error for any dry friction in its range."""
         if not loop.stable or not np.all(np.isfinite(self.range)):
             return np.inf
         spread = peak_gains(loop) @ self.range
-        course = np.abs(self.course(loop, pushed=True))
-        return float(np.linalg.norm(course + spread[:, None], axis=0).max())
+        error = np.abs(self.error_over_period(loop, pushed=True))
+        return float(np.linalg.norm(error + spread[:, None], axis=0).max())
 
 
 def peak_gains(loop: FrozenLoop) -> np.ndarray:

@@ -40,12 +40,12 @@ def lqr(
     M e'' + D e' + S e = v [1]_. Without drag and load this feed-forward is
     c (y_ref - l0) + d y_ref' + M y_ref''.
 
-    M, D, S, f and K are numbers, taken once from the plant as it is believed. They are parameters
-    of the loop beside the plant's own, so that changing the plant's (``simulate(loop, p=...)``)
-    does not tell the controller.
+    M, D, S, f and K are numbers, taken once from the assumed plant. They are parameters of the loop
+    beside the plant's own, so the controller does not notice changes of the plant by
+    ``simulate(loop, p=...)``.
 
-    What the links' accelerations owe to other states than y and y', to the velocity of the whole
-    worm under unequal drag say, is left out, as if the mean of position and velocity were 0.
+    Accelerations of links by other states than y and y', such as the velocity of the whole worm
+    under unequal drag, are left out, as if the mean of position and velocity were 0.
     Contact forces are left out too.
 
     Parameters
@@ -56,14 +56,14 @@ def lqr(
     reference : Reference
         What the output shall follow; ``follow(..., periodic=False)`` for one that ends.
     error_weight, rate_weight, input_weight : array_like, shape (), (n,) or (n, n)
-        Q_0 and Q_1, positive semidefinite, and R, positive definite. A number or one per link
-        stand on the diagonal. Only their ratios matter.
+        Q_0 and Q_1, positive semidefinite, and R, positive definite. A number, or one per
+        link, is for the diagonal. Only their ratios matter.
     p : mapping of str to array_like, optional
         The plant's parameters as the controller believes them, where they are not the model's
         own. What varies in time counts as it is at time 0.
     feedforward : Gait, optional
-        Input course, an optimal one say, in place of the computed feed-forward: from time 0 on,
-        repeated if the reference is, otherwise held where it ends.
+        Inputs over time, optimal ones for example, instead of the computed feed-forward: from time
+        0 on, repeated if the reference is, otherwise with their last value after the end.
     output, input : str, optional
         Names of the plant's output that follows, or state, and of the input that is put in.
 
@@ -71,17 +71,17 @@ def lqr(
     -------
     Model
         The plant's states. Parameters: the plant's, ``error_gain`` K_0 and ``rate_gain`` K_1,
-        and without a course ``feedforward_inertia`` M, ``feedforward_damping`` D,
+        and without `feedforward` ``feedforward_inertia`` M, ``feedforward_damping`` D,
         ``feedforward_stiffness`` S (matrices row by row) and ``feedforward_force`` f. Outputs:
         the plant's, ``reference``, ``error``, ``error_norm``, the input under its name,
         ``feedforward``, and ``saturated`` where the input has bounds, which then hold.
-        A course is the schedule ``feedforward``.
+        The schedule ``feedforward`` contains given inputs.
 
     Raises
     ------
     ArgumentError
-        If the plant has no such output or input, sizes of plant, reference or course differ, a
-        weight is no such matrix, the plant is not linear or has delays, its inputs do not
+        If the plant has no such output or input, sizes of plant, reference or feedforward differ,
+        a weight is no such matrix, the plant is not linear or has delays, its inputs do not
         accelerate all links at once, or no optimal feedback is stable.
 
     References
@@ -114,8 +114,8 @@ def lqr(
         ahead, believed = links.force(reference, error)
         schedules = ()
     else:
-        course = _course(feedforward, plant, reference)
-        ahead, believed, schedules = course.value, (), course.schedules
+        given = _given(feedforward, plant, reference)
+        ahead, believed, schedules = given.value, (), given.schedules
     return close(
         plant,
         reference,
@@ -225,7 +225,7 @@ def _riccati(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.n
     return K
 
 
-def _course(feedforward: Gait, plant: Model, reference: Reference) -> Reference:
+def _given(feedforward: Gait, plant: Model, reference: Reference) -> Reference:
     if not isinstance(feedforward, Gait):
         raise ArgumentError(f"feedforward must be a Gait, not {type(feedforward).__name__}")
     n = reference.value.numel()

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.common import Course, identifier
+from wormopt.exports.common import ExportedGait, identifier
 
 
-def make(course: Course, stem: str) -> dict[str, bytes]:
+def make(exported: ExportedGait, stem: str) -> dict[str, bytes]:
     """Files of a gait: ``STEM.h``, ``STEM.c`` and ``STEM_replay.c``.
 
     Raises ArgumentError if C could not include a file of that name.
@@ -19,9 +19,9 @@ def make(course: Course, stem: str) -> dict[str, bytes]:
         raise ArgumentError(f"{stem!r}: C includes no file of that name; write letters and digits")
     name = identifier(stem)
     texts = {
-        f"{stem}.h": _header(course, name),
-        f"{stem}.c": _source(course, name, f"{stem}.h"),
-        f"{stem}_replay.c": _replay(course, name, f"{stem}.h"),
+        f"{stem}.h": _header(exported, name),
+        f"{stem}.c": _source(exported, name, f"{stem}.h"),
+        f"{stem}_replay.c": _replay(exported, name, f"{stem}.h"),
     }
     return {file: text.encode() for file, text in texts.items()}
 
@@ -31,12 +31,12 @@ def _comment(lines: Iterable[str]) -> str:
     return "/* " + "\n * ".join(kept) + "\n */\n"
 
 
-def _header(course: Course, name: str) -> str:
-    time, length, rate, acceleration = course.units
+def _header(exported: ExportedGait, name: str) -> str:
+    time, length, rate, acceleration = exported.units
     comment = _comment(
         [
             "Link lengths of a worm, repeated periodically.",
-            *course.remarks,
+            *exported.remarks,
             f"Units: time {time}, length {length}, rate {rate}, acceleration {acceleration}; "
             "1 means none.",
         ]
@@ -49,7 +49,7 @@ def _header(course: Course, name: str) -> str:
 extern "C" {{
 #endif
 
-enum {{ {name}_links = {course.gait.links} }};
+enum {{ {name}_links = {exported.gait.links} }};
 
 /* Duration of a cycle, after which the lengths repeat; the period of a designed gait may hold
  * several cycles. */
@@ -69,11 +69,11 @@ void {name}_length(double t, double length[], double rate[], double acceleration
 """
 
 
-def _source(course: Course, name: str, header: str) -> str:
-    gait = course.gait
+def _source(exported: ExportedGait, name: str, header: str) -> str:
+    gait = exported.gait
     pieces, links, powers = gait.polynomial.shape
     parts = [
-        _comment(["See the header.", *course.remarks]),
+        _comment(["See the header.", *exported.remarks]),
         f"""
 #include "{header}"
 
@@ -142,8 +142,8 @@ void {name}_length(double t, double length[], double rate[], double acceleration
 """
 
 
-def _replay(course: Course, name: str, header: str) -> str:
-    gait, period = course.gait, course.gait.period
+def _replay(exported: ExportedGait, name: str, header: str) -> str:
+    gait, period = exported.gait, exported.gait.period
     middle = (gait.breaks[:-1] + gait.breaks[1:]) / 2
     spread = np.linspace(-2.3, 3.7, 41) * period
     at = np.concatenate([gait.breaks[:-1], middle, spread])
@@ -155,7 +155,7 @@ def _replay(course: Course, name: str, header: str) -> str:
             "Compares the tables with samples of the same gait. Compile it with the source beside "
             "it and -lm;",
             "it ends with 0 if all agree to 1e-12 of the largest length, rate and acceleration.",
-            *course.remarks,
+            *exported.remarks,
         ]
     )
     return f"""{comment}

@@ -42,7 +42,8 @@ static fmi3Status step_to(casadi_fmi_memory* m, double t, double end) {
       error = 0;
       for (j = 0; j < 7; ++j) error += h * error_of[j] * k[j][i];
       size = fmax(fmax(fabs(x[i]), fabs(next[i])), nominal[i]);
-      if (!(fabs(error) <= most * size)) most = fabs(error) / size;
+      size = fabs(error) / size;
+      if (size > most || size != size) most = size; /* NaN remains */
     }
     most /= m->relative;
     accepted = most <= 1;

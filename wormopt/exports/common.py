@@ -22,18 +22,15 @@ from wormopt.systems.spiked.construct import gait_of_result
 from wormopt.systems.spiked.verify import in_steps
 from wormopt.version import VERSION
 
-# Negligible share of a step; fewest steps of a cycle.
-_NO_STEP, _FEWEST_STEPS = Fraction(1, 10**6), 3
+# Negligible share of a step; fewest steps of a cycle; most instants of a table.
+_NO_STEP, _FEWEST_STEPS, _MOST = Fraction(1, 10**6), 3, 1_000_000
 _MADE_BY = f"{MARK}, version {VERSION}"
 
 
 def remarks(result: Result) -> list[str]:
     """Lines of plain text about a result, and whether it failed or is unchecked."""
     titled = f": {result.title}" if result.title and result.title != result.scene else ""
-    lines = [
-        f"{result.scene}{titled} (kind {result.kind or 'unknown'})",
-        _MADE_BY,
-    ]
+    lines = [f"{result.scene}{titled} (kind {result.kind or 'unknown'})", _MADE_BY]
     if result.status == "failed":
         lines.append(f"NOT TO BE TRUSTED, the result failed: {result.reason}")
     if result.status == "unchecked":
@@ -57,8 +54,8 @@ def whole_steps(period: float, step: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """Lengths of links over time for export, with remarks."""
+class ExportedGait:
+    """A gait for export, with remarks, units and steps of lengths."""
 
     gait: Gait
     remarks: tuple[str, ...] = (_MADE_BY,)
@@ -68,7 +65,7 @@ class Course:
     ranges: Sequence[Sequence[float]] = ()
 
     @classmethod
-    def of(cls, result: Result) -> Course:
+    def of(cls, result: Result) -> ExportedGait:
         """The gait of a result; raises ArgumentError if there is none of links."""
         if "gait_polynomial" not in result or result["gait_polynomial"].dims[1] != "link":
             held = "gait, gait-design, gait-pareto, stepper, track, track-optimal or pair-waveform"
@@ -89,7 +86,7 @@ class Course:
         )
 
     def rounded(self, lengths: np.ndarray) -> np.ndarray:
-        """Lengths (n, m) of a table, in whole steps if there are such."""
+        """Lengths (n, m) of a table, in whole steps if links have steps."""
         step = self.length_step
         return lengths if step is None else in_steps(lengths, step, self.ranges)
 
@@ -101,8 +98,8 @@ class Course:
         step = f"{self.length_step!r} {self.length_unit}".removesuffix(" 1")
         return (f"lengths are multiples of {step}; rates and accelerations are those before that",)
 
-    def in_whole_steps(self, step: float) -> Course:
-        """Course whose cycle is the next multiple of a step: slower, so that limits still hold.
+    def in_whole_steps(self, step: float) -> ExportedGait:
+        """Slow the gait to the next multiple of a step, so that limits still hold.
 
         Raises ArgumentError if a cycle has fewer than three steps.
         """
@@ -151,9 +148,6 @@ def identifier(name: str) -> str:
 def _plain(name: str) -> str:
     """Part of a file name, for any name of a result."""
     return re.sub(r"[^\w.-]+", "_", name).strip("._") or "result"
-
-
-_MOST = 1_000_000
 
 
 def multiples(step: float, first: float, last: float) -> list[Decimal]:

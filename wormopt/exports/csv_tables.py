@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.exports.common import Course, remarks, times
+from wormopt.exports.common import ExportedGait, remarks, times
 from wormopt.model.gait import Gait
 from wormopt.model.gait_table import remark_of_gait, signal_of
 from wormopt.quantities import Variable
@@ -110,18 +110,18 @@ def _kept(remarks: list[str], columns: Sequence[Column]) -> list[str]:
 
 def _cycle(result: Result, step: float) -> tuple[list[str], list[Column]]:
     """Remarks and columns of one closed cycle of a gait in whole steps."""
-    course = Course.of(result).in_whole_steps(step)
-    cycle, gait = course.gait.period, course.gait
+    exported = ExportedGait.of(result).in_whole_steps(step)
+    cycle, gait = exported.gait.period, exported.gait
     t = np.append(times(step, 0.0, cycle)[:-1], cycle)
-    columns: list[Column] = [("time", course.units[0], t)]
+    columns: list[Column] = [("time", exported.units[0], t)]
     for derivative, name in enumerate(("length", "rate", "acceleration")):
-        unit = course.units[derivative + 1]
-        rows = gait(t, derivative) if derivative else course.rounded(gait(t))
+        unit = exported.units[derivative + 1]
+        rows = gait(t, derivative) if derivative else exported.rounded(gait(t))
         columns += [(f"{name}_{j}", unit, row) for j, row in enumerate(rows)]
     return [
-        *course.remarks,
-        *course.rounding,
-        remark_of_gait("length", cycle, course.units[0]),
+        *exported.remarks,
+        *exported.rounding,
+        remark_of_gait("length", cycle, exported.units[0]),
     ], columns
 
 
@@ -157,7 +157,7 @@ def _over_time(
         if step is not None and variable.name in exact:
             values = exact[variable.name](at, _OF_GAIT[variable.name])
             if variable.name == "length":
-                values = Course.of(result).rounded(values)
+                values = ExportedGait.of(result).rounded(values)
         elif step is not None:
             values = _between(at, own, values)
         for place in np.ndindex(values.shape[:-1]):
@@ -174,7 +174,7 @@ def _over_time(
     remark = f"every {every}, between samples linearly, whole numbers as they were before"
     if exact:
         remark += f"; by the gait's own formulas: {', '.join(exact)}"
-        back = [*Course.of(result).rounding, *back]
+        back = [*ExportedGait.of(result).rounding, *back]
     return [remark, *back], columns
 
 

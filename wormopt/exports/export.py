@@ -174,17 +174,17 @@ def _made(what: Result | Gait | Model, into: str, stem: str, asked: _Asked) -> d
         return urdf.make(robot, stem, 0.01 if asked.step is None else asked.step)
     if into in ("c", "ros"):
         from wormopt.exports import c_source, ros
-        from wormopt.exports.common import Course
+        from wormopt.exports.common import ExportedGait
 
         if not isinstance(what, Result | Gait):
             raise ArgumentError(f"{into} takes a Result or a Gait, not {type(what).__name__}")
-        course = Course.of(what) if isinstance(what, Result) else Course(what)
+        exported = ExportedGait.of(what) if isinstance(what, Result) else ExportedGait(what)
         if asked.whole_steps and asked.step is not None:
-            course = course.in_whole_steps(asked.step)
+            exported = exported.in_whole_steps(asked.step)
         if into == "c":
-            return c_source.make(course, stem)
+            return c_source.make(exported, stem)
         step = 0.01 if asked.step is None else asked.step
-        return ros.make(course, stem, step, asked.cycles, rest=asked.rest)
+        return ros.make(exported, stem, step, asked.cycles, rest=asked.rest)
     if not isinstance(what, Result):
         raise ArgumentError(f"{into} takes a Result, not {type(what).__name__}")
     from wormopt.exports import csv_tables, matlab

@@ -32,78 +32,13 @@ from wormopt.model.explicit import Explicit
 from wormopt.model.model import TINY, Model
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.quantities import UNITS, parsed, unit_of
+from wormopt.quantities import parsed, unit_of_signal
 from wormopt.result import Result
 from wormopt.shown import one_line
 from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, error_output
 from wormopt.simulation.options import Smooth
 from wormopt.study.scene import scene_of_text
 from wormopt.version import VERSION
-
-
-def mend_description(path: Path, name: str, text: str, timed: bool) -> None:
-    """Complete ``modelDescription.xml``.
-
-    `name` and `text` are the model's, `timed`: whether it depends on time itself.
-    """
-    root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
-    root.set("modelName", name)
-    root.set("description", text)
-    root.set("generationTool", f"wormopt {VERSION}, {root.get('generationTool')}")
-    variables, structure = root.find("ModelVariables"), root.find("ModelStructure")
-    assert variables is not None
-    assert structure is not None
-    for variable in [*variables]:
-        if variable.get("name", "").startswith("__assign__"):  # CasADi's own
-            variables.remove(variable)
-    for unknown in structure.iter("InitialUnknown"):  # parameters are missing there
-        unknown.attrib.pop("dependencies", None)
-    for unknown in (*structure.iter("Output"), *structure.iter("ContinuousStateDerivative")):
-        if timed:
-            unknown.set("dependencies", f"0 {unknown.get('dependencies', '')}".strip())
-    units = {v.get("unit"): None for v in variables if v.get("unit")}
-    exchange = root.find("ModelExchange")
-    assert exchange is not None
-    exchange.set("canGetAndSetFMUState", "true")
-    after = [*root].index(exchange) + 1
-    stepped = {"canHandleVariableCommunicationStepSize": "true"}
-    root.insert(after, ElementTree.Element("CoSimulation", {**exchange.attrib, **stepped}))
-    after += 1
-    root.insert(after, ElementTree.Element("DefaultExperiment", startTime="0"))
-    if units:
-        defined = ElementTree.Element("UnitDefinitions")
-        defined.extend(_unit_definition(str(name)) for name in units)
-        root.insert(after, defined)
-    _write(root, path)
-
-
-def only_sources(path: Path) -> None:
-    """Remove headers from ``buildDescription.xml``: they are no compilation units."""
-    root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
-    for files in root.iter("SourceFileSet"):
-        for file in [*files]:
-            if file.get("name", "").endswith(".h"):
-                files.remove(file)
-    _write(root, path)
-
-
-def _unit_definition(name: str) -> ElementTree.Element:
-    found = ElementTree.Element("Unit", name=name)
-    try:
-        factor, powers = parsed(name)
-    except ValueError:
-        return found  # a user's unit: only its name is known
-    attributes = {base: str(power) for base, power in powers.items()}
-    if factor != 1:
-        attributes["factor"] = repr(float(factor))
-    found.append(ElementTree.Element("BaseUnit", attributes))
-    return found
-
-
-def _write(root: ElementTree.Element, path: Path) -> None:
-    ElementTree.indent(root, "    ")
-    ElementTree.ElementTree(root).write(path, encoding="UTF-8", xml_declaration=True)
-
 
 _HEADER = "fmi3Functions.h"
 # Lines of CasADi's wrapper, and their corrections.
@@ -176,8 +111,8 @@ def _archive(plant: Plant, stem: str) -> bytes:
         reset = "FMI3_Export fmi3Status fmi3Reset"
         text = text.replace(reset, f"{steps}{reset}", 1)
         wrapper.write_text(text, encoding="utf-8", newline="\n")
-        mend_description(Path("modelDescription.xml"), stem, _description(plant), _timed(plant))
-        only_sources(Path("buildDescription.xml"))
+        _mend_description(Path("modelDescription.xml"), stem, _description(plant), _timed(plant))
+        _remove_headers(Path("buildDescription.xml"))
         library, binary = _compiled(name)
         stream = io.BytesIO()
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -330,8 +265,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 def _unit(quantity: str, units: str) -> dict[str, str]:
     """Unit of a quantity, or of a unit's name."""
-    known = quantity if quantity in UNITS or units == "SI" else "1"
-    unit = unit_of(known, units) if known in UNITS else known
+    unit = unit_of_signal(quantity, units)
     return {} if unit in ("1", "") else {"unit": unit}
 
 
@@ -345,6 +279,70 @@ def _scheduled(schedule: Schedule, t: ca.MX) -> ca.MX:
     return ca.vertcat(
         schedule.start + turn + breaks[piece], ca.MX(ca.DM(schedule.values.T))[:, piece]
     )
+
+
+# -- descriptions --------------------------------------------------------------------------------
+
+
+def _mend_description(path: Path, name: str, text: str, timed: bool) -> None:
+    """Complete ``modelDescription.xml``; `timed`: whether the model depends on time itself."""
+    root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
+    root.set("modelName", name)
+    root.set("description", text)
+    root.set("generationTool", f"wormopt {VERSION}, {root.get('generationTool')}")
+    variables, structure = root.find("ModelVariables"), root.find("ModelStructure")
+    assert variables is not None
+    assert structure is not None
+    for variable in [*variables]:
+        if variable.get("name", "").startswith("__assign__"):  # CasADi's own
+            variables.remove(variable)
+    for unknown in structure.iter("InitialUnknown"):  # parameters are missing there
+        unknown.attrib.pop("dependencies", None)
+    for unknown in (*structure.iter("Output"), *structure.iter("ContinuousStateDerivative")):
+        if timed:
+            unknown.set("dependencies", f"0 {unknown.get('dependencies', '')}".strip())
+    units = {v.get("unit"): None for v in variables if v.get("unit")}
+    exchange = root.find("ModelExchange")
+    assert exchange is not None
+    exchange.set("canGetAndSetFMUState", "true")
+    after = [*root].index(exchange) + 1
+    stepped = {"canHandleVariableCommunicationStepSize": "true"}
+    root.insert(after, ElementTree.Element("CoSimulation", {**exchange.attrib, **stepped}))
+    after += 1
+    root.insert(after, ElementTree.Element("DefaultExperiment", startTime="0"))
+    if units:
+        defined = ElementTree.Element("UnitDefinitions")
+        defined.extend(_unit_definition(str(name)) for name in units)
+        root.insert(after, defined)
+    _write(root, path)
+
+
+def _remove_headers(path: Path) -> None:
+    """Remove headers from ``buildDescription.xml``: they are no compilation units."""
+    root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
+    for files in root.iter("SourceFileSet"):
+        for file in [*files]:
+            if file.get("name", "").endswith(".h"):
+                files.remove(file)
+    _write(root, path)
+
+
+def _unit_definition(name: str) -> ElementTree.Element:
+    found = ElementTree.Element("Unit", name=name)
+    try:
+        factor, powers = parsed(name)
+    except ValueError:
+        return found  # a user's unit: only its name is known
+    attributes = {base: str(power) for base, power in powers.items()}
+    if factor != 1:
+        attributes["factor"] = repr(float(factor))
+    found.append(ElementTree.Element("BaseUnit", attributes))
+    return found
+
+
+def _write(root: ElementTree.Element, path: Path) -> None:
+    ElementTree.indent(root, "    ")
+    ElementTree.ElementTree(root).write(path, encoding="UTF-8", xml_declaration=True)
 
 
 # -- the library ---------------------------------------------------------------------------------

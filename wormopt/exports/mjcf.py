@@ -2,7 +2,7 @@
 
 On a line, friction is the `frictionloss` of a tendon as long as the position of a mass. Friction
 F+ ahead and F- back is exactly one of (F+ + F-)/2 to both sides and a constant push of
-(F- - F+)/2, and a spike has a large F-. In the plane each mass stands on a foot that a spring
+(F- - F+)/2, and a spike has a large F-. In the plane each mass has a foot that a spring
 presses on the floor. A contact in MuJoCo lifts a body in proportion to its coefficient of friction,
 so the press is large, and the foot is heavy, but only upward.
 """
@@ -46,9 +46,7 @@ def make(robot: Robot, stem: str, step: float = 0.001) -> dict[str, bytes]:
         notes.append(f"each mass is {robot.mass[0]:.4g} kg, light beside its friction, and 0 there")
     root = Element("mujoco", model=robot.name)
     how = {"integrator": "implicitfast", "cone": "elliptic", "tolerance": "1e-14"}
-    how["impratio"] = (
-        "1" if robot.massless else "100"
-    )  # harder friction; light feet lose hold of it
+    how["impratio"] = "1" if robot.massless else "100"  # hard friction; light feet would slip
     add(root, "option", timestep=step, gravity=(0.0 - robot.fall, 0, 0), iterations="200", **how)
     parent = add(root, "worldbody")
     add(parent, "geom", name="floor", type="plane", size=(0, 0, 1), contype="0", conaffinity="0")

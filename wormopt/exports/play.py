@@ -1,4 +1,4 @@
-"""Play an exported gait in MuJoCo, without a window, and compare its way with exact contact."""
+"""Play an exported gait in MuJoCo, without a window, and compare it with exact contact."""
 
 from __future__ import annotations
 
@@ -23,30 +23,32 @@ class Playback:
     Parameters
     ----------
     step : float
-        Time step.
+        Time step in s.
     time : ndarray, shape (m,)
         Times of all steps.
     position : ndarray, shape (m, masses, 2)
         Places of the masses.
-    ways : ndarray, shape (cycles, 3)
+    displacements : ndarray, shape (cycles, 3)
         Displacement ahead, to the left and angle of every cycle, in the frame of the head at its
         start.
     exact : ndarray, shape (3,), or None
-        The same with exact contact, of a cycle that repeats.
+        Displacement per cycle with exact contact, where the result has it.
     """
 
     step: float
     time: np.ndarray
     position: np.ndarray
-    ways: np.ndarray
+    displacements: np.ndarray
     exact: np.ndarray | None
 
     @property
     def error(self) -> float:
         """Distance between the ends of the last cycle here and with exact contact."""
         if self.exact is None:
-            raise ArgumentError("the result has no way per cycle; compare positions over time")
-        return float(np.hypot(*(self.ways[-1] - self.exact)[:2]))
+            raise ArgumentError(
+                "the result has no displacement per cycle; compare positions over time"
+            )
+        return float(np.hypot(*(self.displacements[-1] - self.exact)[:2]))
 
 
 def play(result: Result, step: float = 0.001, cycles: int = 2) -> Playback:
@@ -64,12 +66,12 @@ def play(result: Result, step: float = 0.001, cycles: int = 2) -> Playback:
     Returns
     -------
     Playback
-        Motion, and ways per cycle beside those of exact contact.
+        Motion, and displacements per cycle beside that of exact contact.
 
     Raises
     ------
     ArgumentError
-        If there is no such export, or MuJoCo is not installed.
+        If the result cannot be exported, or MuJoCo is not installed.
     SolveError
         If MuJoCo diverges.
     """
@@ -97,8 +99,8 @@ def play(result: Result, step: float = 0.001, cycles: int = 2) -> Playback:
         model.opt.timestep,
         model.opt.timestep * np.arange(len(places)),
         np.array(places),
-        np.array([_way(a, b) for a, b in pairwise(poses)]),
-        None if robot.way is None else np.array(robot.way),
+        np.array([_displacement(a, b) for a, b in pairwise(poses)]),
+        None if robot.displacement is None else np.array(robot.displacement),
     )
 
 
@@ -148,7 +150,7 @@ def _mujoco() -> Any:
     return mujoco
 
 
-def _way(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+def _displacement(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     c, s = math.cos(before[2]), math.sin(before[2])
     x, y, turn = after - before
     return np.array([c * x + s * y, c * y - s * x, turn])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.common import Course, remarks
+from wormopt.exports.common import ExportedGait, remarks
 from wormopt.model.friction import Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.result import Result
@@ -27,7 +27,7 @@ _LIGHT = 1e-5
 _SAMPLES = 1000  # of a cycle, for ranges of joints and forces
 
 DIFFERS = "Differs from the scene:"
-"""Beginning of the remarks on what an engine has not."""
+"""Beginning of remarks on what an engine lacks."""
 
 Targets = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -47,7 +47,9 @@ class Robot:
     grips: Sequence[tuple[float, float, float]]  # friction forward, backward, sideways
     cycle: float
     targets: Targets  # of times (m,): values and rates of all joints (m, q)
-    way: tuple[float, float, float] | None = None  # x, y, angle per cycle with exact contact
+    displacement: tuple[float, float, float] | None = (
+        None  # x, y, angle per cycle with exact contact
+    )
     lengths: tuple[float, ...] | None = None  # of links that do not slide
     planar: bool = False
     heading: str = "rear"  # of inner masses
@@ -93,7 +95,7 @@ class Robot:
 
 
 def robot_of(result: object) -> Robot:
-    """The robot of a result; raises ArgumentError if its kind has none."""
+    """Make the robot of a result; raises ArgumentError if its kind has none."""
     if not isinstance(result, Result):
         raise ArgumentError(f"a robot needs a Result, not {type(result).__name__}")
     made = _KINDS.get(result.kind)
@@ -112,17 +114,17 @@ def robot_of(result: object) -> Robot:
 
 
 def _spiked(result: Result, table: Any) -> Robot:
-    worm, gait = table.worm, Course.of(result).gait
+    worm, gait = table.worm, ExportedGait.of(result).gait
     masses = worm.links + 1
     found = result.scalars
     speed = found.get("speed_ideal", found.get("speed"))  # without steps of motors
-    way = None if speed is None else (float(speed.value) * gait.period, 0.0, 0.0)
+    displacement = None if speed is None else (float(speed.value) * gait.period, 0.0, 0.0)
     robot = _on_a_line(result, worm, worm.loads(worm.load_range[1]), gait, [Spike()] * masses)
-    return replace(robot, way=way, **_started(result))
+    return replace(robot, displacement=displacement, **_started(result))
 
 
 def _tracked(result: Result, table: Any) -> Robot:
-    worm, gait = table.worm, Course.of(result).gait
+    worm, gait = table.worm, ExportedGait.of(result).gait
     robot = _on_a_line(result, worm, worm.pull, gait, laws_of(worm))
     note = "the controller is not in this file: servos follow its reference"
     return replace(robot, notes=(*robot.notes, note))
@@ -142,7 +144,7 @@ def _commanded(result: Result, table: Any) -> Robot:
 
 
 def _started(result: Result) -> dict[str, np.ndarray]:
-    """The start of a result on a line, if it is in there."""
+    """Position and velocity at the start of a result on a line, if it has them."""
     if "velocity" not in result:
         return {}
     rows = np.array([result[name].values[:, 0] for name in ("position", "velocity")])
@@ -233,10 +235,10 @@ def _slow(
     lengths = body.sizes if body else None
     size = float(np.mean(lengths or targets(np.zeros(1))[0][0, : len(grips) - 1]))
     mass = _LIGHT * min(map(min, grips)) * cycle**2 / size
-    way = None
+    displacement = None
     if "displacement" in result.scalars:  # not in a result that failed early
         x, y = result.scalars["displacement"].value
-        way = (x, y, result.scalars["turn"].value)
+        displacement = (x, y, result.scalars["turn"].value)
     return Robot(
         result.scene,
         np.full(len(grips), mass),
@@ -245,7 +247,7 @@ def _slow(
         grips,
         cycle,
         targets,
-        way,
+        displacement,
         lengths,
         planar=True,
         heading=body.heading if body else "bisector",

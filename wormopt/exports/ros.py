@@ -8,7 +8,7 @@ from decimal import Decimal
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.common import Course, multiples
+from wormopt.exports.common import ExportedGait, multiples
 from wormopt.model.gait import Gait
 
 _SECOND = 1_000_000_000
@@ -21,7 +21,7 @@ ENDS_AT = "Ends at velocities"
 
 
 def make(
-    course: Course, stem: str, step: float = 0.01, cycles: int = 1, *, rest: bool = False
+    exported: ExportedGait, stem: str, step: float = 0.01, cycles: int = 1, *, rest: bool = False
 ) -> dict[str, bytes]:
     """``STEM.yaml``: points a step apart, and one at the end of the last cycle.
 
@@ -33,23 +33,23 @@ def make(
     """
     if not isinstance(cycles, int) or cycles < 1:
         raise ArgumentError(f"cycles must be a whole number from 1 on, not {cycles!r}")
-    ramp = course.gait.period / 2 if rest else 0.0
-    end = course.gait.period * cycles + ramp
+    ramp = exported.gait.period / 2 if rest else 0.0
+    end = exported.gait.period * cycles + ramp
     if end >= _LATEST:
         raise ArgumentError(f"ROS has 32 bits for seconds, too few for {end:g}; write fewer cycles")
     instants = multiples(step, 0.0, end)
     if step < 1e-9:
         raise ArgumentError(f"ROS counts whole nanoseconds; write a step above {step:g} s")
     at = [_nanoseconds(t) for t in instants]
-    last = _nanoseconds(Decimal(course.gait.period) * cycles + Decimal(ramp))
+    last = _nanoseconds(Decimal(exported.gait.period) * cycles + Decimal(ramp))
     at = [t for t in at if t < last] + [last]
-    whole = Decimal(repr(course.gait.period)) * _SECOND
+    whole = Decimal(repr(exported.gait.period)) * _SECOND
     if not ramp and whole == int(whole):  # cycles of whole nanoseconds repeat exactly
-        rows = [course.gait(np.array(at) % int(whole) / _SECOND, k) for k in range(3)]
+        rows = [exported.gait(np.array(at) % int(whole) / _SECOND, k) for k in range(3)]
     else:
-        rows = _rows(course.gait, np.array(at) / _SECOND, end, ramp)
-    rows[0] = course.rounded(rows[0])
-    lines = [*_head(course, rows[1], rest=rest), "points:", *_points(at, rows)]
+        rows = _rows(exported.gait, np.array(at) / _SECOND, end, ramp)
+    rows[0] = exported.rounded(rows[0])
+    lines = [*_head(exported, rows[1], rest=rest), "points:", *_points(at, rows)]
     return {f"{stem}.yaml": "".join(f"{line}\n" for line in lines).encode()}
 
 
@@ -72,10 +72,10 @@ def _rows(gait: Gait, t: np.ndarray, end: float, ramp: float) -> list[np.ndarray
     return [length, rate * pace, acceleration * pace**2 + rate * slope]
 
 
-def _head(course: Course, rates: np.ndarray, *, rest: bool) -> Iterable[str]:
+def _head(exported: ExportedGait, rates: np.ndarray, *, rest: bool) -> Iterable[str]:
     yield "# trajectory_msgs/JointTrajectory, positions are lengths of links in m"
-    yield from (f"# {line}" for line in (*course.remarks, *course.rounding))
-    if course.time_unit != "s":
+    yield from (f"# {line}" for line in (*exported.remarks, *exported.rounding))
+    if exported.time_unit != "s":
         yield "# The scene has no units: its unit of time is taken for 1 s, of length for 1 m."
     fastest = float(np.abs(rates[:, -1]).max())
     if rest:
@@ -90,7 +90,7 @@ def _head(course: Course, rates: np.ndarray, *, rest: bool) -> Iterable[str]:
     yield "header:"
     yield "  stamp: {sec: 0, nanosec: 0}"
     yield "  frame_id: ''"
-    yield f"joint_names: [{', '.join(f'link_{j}' for j in range(course.gait.links))}]"
+    yield f"joint_names: [{', '.join(f'link_{j}' for j in range(exported.gait.links))}]"
 
 
 def _points(at: list[int], found: list[np.ndarray]) -> Iterable[str]:

@@ -45,7 +45,7 @@ def make(robot: Robot, stem: str, step: float = 0.01) -> dict[str, bytes]:
 
 
 def _notes(robot: Robot) -> tuple[str, ...]:
-    """What URDF lacks."""
+    """Remarks on what URDF lacks."""
     found = ["friction of the ground is a coefficient along and across each mass, for Gazebo only"]
     if any(ahead != back for ahead, back, _ in robot.grips):
         found.append(

@@ -43,7 +43,7 @@ def gathered(
 ) -> Result:
     """Make the Result of a sweep: numbers over the dimensions of the plan, the rest in lists."""
     axes = {dim_of(key): _axis(key, asked, tables, base) for key in asked.keys}
-    units = base.table.units
+    table = base.table
     found = [
         *_coordinates(asked, axes, base),
         Variable("status", "1", asked.dims, _shaped([STATUS.index(p.status) for p in points],
@@ -51,7 +51,6 @@ def gathered(
         Variable("seconds", "s", asked.dims, _shaped([p.seconds for p in points], asked),
                  "time that it took"),
     ]  # fmt: skip
-    table = base.table
     # requested results first
     first = {name: table.scalars[name] for name in table.headline if name in table.scalars}
     arrays, lists = _scalars(points, asked, first | dict(table.scalars))
@@ -72,8 +71,8 @@ def gathered(
             {**json.loads(base.text), "sweep": msgspec.to_builtins(base.sweep)}, ensure_ascii=False
         ),
         attributes={
-            "kind": base.table.kind,
-            "units": units,
+            "kind": table.kind,
+            "units": table.units,
             "axes": [
                 {"key": key, "dim": dim, "values": axes[dim]}
                 for key, dim in zip(asked.keys, map(dim_of, asked.keys), strict=True)

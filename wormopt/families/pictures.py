@@ -65,7 +65,7 @@ def _maps(result: Result, names: list[str], dims: list[str]) -> Figure:
         _mark_lost(panel, x, y, lost)
         _scale(panel, "x", dims[1])
         _scale(panel, "y", dims[0])
-    return _tell_lost(page, lost)
+    return _explain_lost(page, lost)
 
 
 def _mark_lost(panel: Panel, x: np.ndarray, y: np.ndarray, lost: np.ndarray) -> None:
@@ -95,7 +95,7 @@ def _columns(result: Result, names: list[str], dims: list[str], lines: bool) -> 
             if j == 0:
                 panel.label(y=_named(page, name))
         _scale(panels[-1][j], "x", dim)
-    return _tell_lost(page, lost, cross=True)
+    return _explain_lost(page, lost, cross=True)
 
 
 def _named(page: Page, name: str) -> str:
@@ -127,7 +127,7 @@ def _edges(values: np.ndarray) -> np.ndarray:
     return np.exp(edges(np.log(values))) if _is_geometric(values) else edges(values)
 
 
-def _tell_lost(page: Page, lost: np.ndarray, cross: bool = False) -> Figure:
+def _explain_lost(page: Page, lost: np.ndarray, cross: bool = False) -> Figure:
     if lost.any():
         words = f"no accepted result ({int(lost.sum())} of {lost.size})"
         mark = line(words, RED, "none", marker="x") if cross else Patch(label=words, **_LOST)

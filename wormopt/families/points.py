@@ -39,7 +39,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Point:
-    """What was found of a study, without arrays, or why nothing was found."""
+    """Outcome of a study without arrays, with a reason if it failed."""
 
     status: Status
     reason: str = ""
@@ -166,7 +166,7 @@ def _computed(job: Job, tries: Path) -> Point:
 
 
 def _attempt(job: Job) -> Result:
-    """Do the work; what has no solution, or is refused, is a result too."""
+    """Do the work; a study without a solution, or a refused one, gives a result too."""
     try:
         return job.work(job.study)
     except SolveError as error:
@@ -182,7 +182,7 @@ def faults_of(error: SceneError) -> str:
 
 
 def _tried(job: Job, tries: Path) -> int:
-    """How often this run has started the point, including now."""
+    """Count the starts of the point by this run, including this one."""
     with tries.open("a+", encoding="utf-8", errors="replace") as file:
         file.write(f"{job.run}\n")
         file.seek(0)

@@ -60,8 +60,9 @@ def sweep(
     overrides : str, mapping, or iterable of them
         Changes of the scene that all points share, as for `load_scene`.
     store : path, optional
-        Folder where the result of every point is kept under a name made of what it hangs on: what
-        is there is not computed again, by whatever sweep or machine. Without one nothing is kept.
+        Folder that keeps the result of every point in a file named by a hash of everything it
+        depends on. No sweep or machine computes a point again that is there. By default nothing
+        is kept.
     keep : {"results", "scalars"}
         What is kept of a point: all, or no arrays.
     engine : Engine, optional
@@ -73,7 +74,7 @@ def sweep(
     -------
     Result
         Of kind "sweep": every number of the points over the swept keys, with `status`: 0 ok,
-        1 failed (no solution, say; `attributes["reasons"]` tells), 2 refused as a scene, 3 not
+        1 failed (no solution, say; `attributes["reasons"]` says why), 2 refused as a scene, 3 not
         computed.
 
     Raises
@@ -118,8 +119,8 @@ def _swept(
         found = points_of(valid, _attempt, store, report)
     except (SolveError, Interrupted) as error:
         found, stop = error.partial, error
-    told = iter(found)
-    points = [one if isinstance(one, Point) else next(told) for one in studies]
+    computed = iter(found)
+    points = [one if isinstance(one, Point) else next(computed) for one in studies]
     tables = [None if isinstance(one, Point) else one for one in studies]
     result = gathered(base, asked, tables, points, in_files)
     counts = Counter(point.status for point in points)

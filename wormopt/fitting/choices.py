@@ -28,16 +28,16 @@ class Choice(ABC):
 
     @property
     def moving(self) -> int:
-        """How many first numbers are proportional to the deviation of the input from its base."""
+        """Number of leading values proportional to the deviation of the input from its base."""
         return 0
 
     @property
     @abstractmethod
     def size(self) -> int:
-        """How many numbers are chosen."""
+        """Number of chosen values."""
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Draw numbers at random, a course as large as its limits allow.
+        """Draw numbers at random; changes over time are as large as their limits allow.
 
         Parameters
         ----------
@@ -55,12 +55,12 @@ class Choice(ABC):
         return self.shrunk(chosen, 1 / float(shares.max()))
 
     def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Take a share of the course's changes from its base; what is held stays.
+        """Take a share of the changes over time from the base; constant parts stay.
 
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
+            Chosen values, from -1 to 1.
         share : float
             How much is left.
 
@@ -91,7 +91,7 @@ class Choice(ABC):
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
+            Chosen values, from -1 to 1.
 
         Returns
         -------
@@ -104,7 +104,7 @@ class Choice(ABC):
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
+            Chosen values, from -1 to 1.
 
         Returns
         -------
@@ -114,13 +114,13 @@ class Choice(ABC):
         return np.zeros(0), np.zeros((0, len(chosen)))
 
     @abstractmethod
-    def course(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
+    def over_time(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Evaluate the signal.
 
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
+            Chosen values, from -1 to 1.
         time : ndarray, shape (m,)
             Times.
 
@@ -130,12 +130,12 @@ class Choice(ABC):
         """
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
-        """The chosen numbers in their own units, by name; none where the course says it all.
+        """The chosen numbers in their own units, by name; none of signals over time.
 
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
+            Chosen values, from -1 to 1.
 
         Returns
         -------
@@ -198,7 +198,7 @@ class Constant(Choice):
         share = (float(chosen[0]) + 1) / 2
         return self.lower * (1 - share) + self.upper * share
 
-    def course(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
+    def over_time(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
         return np.outer(self._value(chosen) * np.array(self.direction), np.ones(len(time)))
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
@@ -213,7 +213,7 @@ class Choices:
 
     @property
     def size(self) -> int:
-        """How many numbers are chosen."""
+        """Number of chosen values."""
         return sum(choice.size for choice in self.each)
 
     def parts(self, chosen: np.ndarray) -> list[tuple[Choice, np.ndarray]]:
@@ -226,7 +226,7 @@ class Choices:
         return np.concatenate([choice.draw(rng) for choice in self.each])
 
     def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Take a share of all courses' changes from their bases."""
+        """Take a share of all changes over time from their bases."""
         parts = self.parts(chosen)
         return np.concatenate([choice.shrunk(part, share) for choice, part in parts])
 
@@ -288,18 +288,18 @@ def replaced(
             schedules=[*fed.schedules, *schedules],
         )
     except ArgumentError as error:
-        raise ArgumentError(f"{name} cannot be a course of time: {error}") from None
+        raise ArgumentError(f"{name} cannot vary in time: {error}") from None
 
 
 def check_positive(**given: float) -> None:
-    """Refuse what is not positive, or infinite where it is no rate."""
+    """Raise ArgumentError unless all are positive, and finite except for `rate`."""
     for name, value in given.items():
         if not value > 0 or (name != "rate" and math.isinf(value)):
             raise ArgumentError(f"{name} must be positive, not {value!r}")
 
 
 def check_whole(**given: int) -> None:
-    """Refuse what is no whole number from 1 on."""
+    """Raise ArgumentError unless all are whole numbers from 1 on."""
     for name, value in given.items():
         if not isinstance(value, int) or isinstance(value, bool) or value < 1:
             raise ArgumentError(f"{name} must be a whole number from 1 on, not {value!r}")
@@ -312,7 +312,7 @@ _LOOKS = 32
 
 @dataclass(frozen=True, eq=False)
 class Ramps(Choice):
-    """A course that is linear between equidistant knots, and begins at the signal's own value.
+    """A signal that is linear between equidistant knots, and begins at the signal's own value.
 
     Limits hold exactly at all times.
 
@@ -343,7 +343,7 @@ class Ramps(Choice):
     >>> ramps = Ramps("rest_length", (2.0,), duration=4.0, pieces=2, change=0.5)
     >>> ramps.size
     2
-    >>> ramps.course(np.array([1.0, 0.0]), np.array([0.0, 1.0, 2.0, 4.0]))
+    >>> ramps.over_time(np.array([1.0, 0.0]), np.array([0.0, 1.0, 2.0, 4.0]))
     array([[2.  , 2.25, 2.5 , 2.  ]])
     """
 
@@ -386,7 +386,7 @@ class Ramps(Choice):
         rates = steps @ chosen
         return np.concatenate([rates, -rates]) - 1, np.vstack([steps, -steps])
 
-    def course(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
+    def over_time(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
         knots = np.linspace(0.0, self.duration, self.pieces + 1)
         return np.array([np.interp(time, knots, row) for row in self._knots(chosen)])
 
@@ -406,7 +406,7 @@ class Ramps(Choice):
 
 @dataclass(frozen=True, eq=False)
 class Waves(Choice):
-    """A course of a few harmonics that begins at the signal's own value.
+    """A signal of a few harmonics that begins at the signal's own value.
 
     Entry j is base_j + sum_k a_jk (cos k w t - 1) + b_jk sin k w t. Limits hold at all times,
     half a hundredth of them is given away for it.
@@ -438,7 +438,7 @@ class Waves(Choice):
     >>> waves = Waves("rest_length", (2.0,), frequency=0.5, harmonics=1, change=0.5)
     >>> waves.size
     2
-    >>> waves.course(np.array([0.0, 1.0]), np.array([0.0, 0.5, 1.0]))
+    >>> waves.over_time(np.array([0.0, 1.0]), np.array([0.0, 0.5, 1.0]))
     array([[2. , 2.5, 2. ]])
     """
 
@@ -539,7 +539,7 @@ class Waves(Choice):
         at = np.arange(self.moving).reshape(2, len(self.base), self.harmonics)[:, entry]
         return np.eye(self.size)[at.ravel()]
 
-    def course(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
+    def over_time(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
         cosine, sine = self._amplitudes(chosen)
         order = np.arange(1, self.harmonics + 1)[:, None]
         angle = 2 * math.pi * self._turns(chosen)[0] * order * time

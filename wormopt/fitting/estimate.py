@@ -10,7 +10,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.fitting.information import (
-    TOLD,
+    DETERMINED,
     correlation_of,
     covariance_of,
     held_at,
@@ -222,7 +222,7 @@ class Fit:
         try:
             _, jacobian = replace(task, tolerance=less).residuals(self.theta)
         except SolveError:
-            promised, jacobian = TOLD, self.jacobian
+            promised, jacobian = DETERMINED, self.jacobian
         apart = np.linalg.norm(triangle(jacobian[: task.count] * self.sizes - scaled), 2)
         return float(apart + promised * self.singular[0].max(initial=0.0))
 

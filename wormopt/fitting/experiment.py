@@ -34,7 +34,7 @@ class Experiment:
     Parameters
     ----------
     model : Model
-        With the best values known of what is unknown, and the worm's start.
+        With the best known values of the unknowns, and the worm's start.
     unknowns : sequence of Unknown
         What shall be known better, and what is not known beside it: a start, say. Its values are
         the model's own; its priors are what is known before.
@@ -44,12 +44,12 @@ class Experiment:
     times : array_like, shape (m,)
         When it is measured, ascending, not before 0, where the run begins.
     choices : sequence of Ramps, Waves and Constant
-        Courses and numbers that may be chosen.
+        Inputs over time and numbers that may be chosen.
     limits : mapping of str to (float, float), optional
         Least and largest value of states or outputs along the motion, infinite for none.
     known : array_like, shape (n, n), optional
         Covariance of the unknowns' coordinates that earlier runs left, as a Fit has it; infinite
-        variances for what they did not tell.
+        variances for unidentifiable ones.
     contact : Exact or Smooth, optional
         How contacts are treated.
 
@@ -60,17 +60,17 @@ class Experiment:
 
     Examples
     --------
-    A worm of one link whose rest length is moved: which course tells its damping?
+    A worm of one link whose rest length is moved: which motion identifies its damping?
 
     >>> import wormopt as wo
     >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
-    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> ramps = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
     >>> todo = wo.Experiment(
     ...     worm,
     ...     [wo.Unknown("damping"), wo.Unknown("stiffness")],
     ...     {"length": 0.01},
     ...     np.linspace(0.0, 4.0, 41),
-    ...     [course],
+    ...     [ramps],
     ... )
     >>> todo.size, todo.knowledge(np.array([1.0, 1.0, -1.0, -1.0])).rank
     (4, 2)
@@ -194,7 +194,7 @@ class Experiment:
 
     @property
     def size(self) -> int:
-        """How many numbers are chosen, each from -1 to 1."""
+        """Number of chosen values, each from -1 to 1."""
         return self.chosen.size
 
     @cached_property
@@ -217,7 +217,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
         tolerance : Tolerance, optional
             How exactly.
         route : {"auto", "native", "python", "cvodes"}, optional
@@ -249,7 +249,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
         times : ndarray, shape (m,)
             When to sample it, from 0 on, to the end.
 
@@ -277,7 +277,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
         shift : ndarray, shape (n,)
             By how much coordinates of the unknowns are moved.
 
@@ -309,7 +309,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
 
         Returns
         -------
@@ -339,7 +339,7 @@ class Experiment:
         Parameters
         ----------
         chosen : ndarray, shape (size,)
-            What is chosen.
+            Chosen values.
         looks : int
             How often the motion is looked at.
 

@@ -324,13 +324,13 @@ def fit(
         How many starts have to end at the best, and leave noise only, before no other is tried.
         Where they leave more, all are tried.
     nodes : int, optional
-        At how many readings each run is cut while starts are led downhill (multiple shooting):
-        many for long runs, and motions that soon go elsewhere. 0: nowhere; if left out every third
-        start is led so, where readings tell all states.
+        Number of readings at which each run is cut for the descent of the starts (multiple
+        shooting): many for long or sensitive motions, 0 for none. By default every third start
+        is treated so, if the readings determine all states.
     seed : int, optional
         Of the random numbers that starts are drawn with.
     report : callable, optional
-        Told how far it is, see `wormopt.progress`.
+        Receives the progress, see `wormopt.progress`.
 
     Returns
     -------

@@ -226,13 +226,13 @@ class Identifiability:
         How many singular values are larger.
     errors : ndarray, shape (n,)
         Standard error of each unknown by the readings alone, in shares of its size; infinite for
-        what cannot be told.
+        unidentifiable ones.
     by_prior : tuple of str
-        Unknowns that only their priors make known.
+        Unknowns that only their priors determine.
     lost : tuple of Combination
-        What changes no reading.
+        Combinations without effect on any reading.
     weak : tuple of str
-        Unknowns that the readings tell, but with an error as large as they are themselves.
+        Unknowns that the readings determine, but with an error as large as the value.
     """
 
     names: tuple[str, ...]
@@ -274,13 +274,13 @@ def identifiability(found: Fit) -> Identifiability:
     Parameters
     ----------
     found : Fit
-        Numbers found. What its priors say is left aside, and told apart.
+        The fit. Its priors are left out and reported separately.
 
     Returns
     -------
     Identifiability
-        What cannot be told is named: how unknowns change together without any effect, and whether
-        so along products or sums (tried by simulations some way off), or to first order only.
+        With every combination of unknowns that has no effect, and whether that holds along products
+        or sums (tried by simulations at a distance) or to first order only.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from wormopt.model.values import numbers
 
 # Relative singular values that are errors of a Jacobian of unknown error: motions are simulated to
 # 1e-8 and their derivatives slightly less accurately.
-TOLD = 1e-7
+DETERMINED = 1e-7
 _BLOCK = 256  # rows of a matrix processed at once
 # Shares of an unknown in unidentifiable directions that are round-off, and that never are.
 _ROUND, _SURELY = 1e-9, 0.1
@@ -50,7 +50,7 @@ def identified_by(
     that take part in the others: with a larger share than the error mixes in (Wedin).
     """
     s, v = spectrum
-    error = TOLD * float(s.max(initial=0.0)) if error is None else error
+    error = DETERMINED * float(s.max(initial=0.0)) if error is None else error
     rank = int(np.sum(s > error))
     errors = np.linalg.norm(v[:, :rank] / s[:rank], axis=1)
     shares = np.linalg.norm(v[:, rank:], axis=1)
@@ -93,7 +93,7 @@ def correlation_of(
 def held_at(
     bounds: tuple[np.ndarray, np.ndarray], theta: np.ndarray, gradient: np.ndarray
 ) -> np.ndarray:
-    """Which coordinates are at an active bound, (n,)."""
+    """Mask of coordinates at an active bound, (n,)."""
     lower, upper = bounds
     near = 1e-8 * np.maximum(1.0, np.abs(theta))
     return ((theta - lower < near) & (gradient >= 0)) | ((upper - theta < near) & (gradient <= 0))
@@ -110,7 +110,7 @@ def offset_of(residuals: np.ndarray, jacobian: np.ndarray, free: np.ndarray) -> 
     small = triangle(np.column_stack([jacobian[:, free], residuals]))
     size = np.linalg.norm(small[:n, :n], axis=0)
     basis, s, _ = np.linalg.svd(small[:n, :n] / np.where(size > 0, size, 1.0))
-    identified = s > TOLD * s.max()
+    identified = s > DETERMINED * s.max()
     return float(np.linalg.norm(basis[:, identified].T @ small[:n, n]) / np.sqrt(n))
 
 
@@ -119,7 +119,7 @@ def leverages(jacobian: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(jacobian, axis=0)
     scaled = jacobian / np.where(size > 0, size, 1.0)
     s, v = spectrum(scaled, np.ones(len(size)))
-    identified = s > TOLD * s.max(initial=0.0)
+    identified = s > DETERMINED * s.max(initial=0.0)
     return np.sum((scaled @ (v[:, identified] / s[identified])) ** 2, axis=1)
 
 
@@ -129,7 +129,7 @@ _INVOLVED = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """What is known of unknown numbers, as if by independent measurements with Gaussian noise.
+    """Knowledge of unknowns, as if from independent measurements with Gaussian noise.
 
     Kept as a factor R of the Fisher information R'R, which is never formed: squared, half the
     digits would be lost.
@@ -197,7 +197,7 @@ class Knowledge:
         length = np.linalg.norm(self.root, axis=0)
         length[length == 0] = 1.0
         values, right = spectrum(self.root, 1 / length)
-        return length, values, right.T, int(np.sum(values > TOLD * max(values[0], 1e-300)))
+        return length, values, right.T, int(np.sum(values > DETERMINED * max(values[0], 1e-300)))
 
     @property
     def rank(self) -> int:
@@ -267,7 +267,7 @@ def _inverse_root(covariance: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """What a measurement should be good for: small errors of combinations of the unknowns.
+    """Purpose of a measurement: small errors of combinations of the unknowns.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class Plan:
     ends : tuple of float
         Criterion at which each start of the search ended.
     excess : float
-        Largest excess of any limit, courses' and motion's, as a share; looked at closely.
+        Largest excess of any limit, of inputs or motion, as a share, on a fine grid.
     departure : float
         How far measurements depart from linear ones within two standard errors, in standard
         errors for each: above 0.1, expected errors may be off.
@@ -75,9 +75,9 @@ class Plan:
 
     >>> import wormopt as wo
     >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
-    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> ramps = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
     >>> todo = wo.Experiment(
-    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [course]
+    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [ramps]
     ... )
     >>> plan = wo.plan_experiment(todo, todo.criterion("D"), rivals=5, starts=1)
     >>> plan.value < plan.rivals[0].value, plan.known.rank
@@ -137,17 +137,17 @@ def plan_experiment(
     Parameters
     ----------
     experiment : Experiment
-        What may be chosen, and what is measured.
+        The choices and the measurements.
     criterion : Criterion
         `Experiment.criterion` or `mean_rate`.
     rivals : int, optional
-        How many are drawn.
+        Number of random experiments.
     starts : int, optional
-        From how many of them the search begins.
+        Number of the best of them from which the search begins.
     seed : int, optional
-        Of the draws.
+        Seed of the random numbers.
     report : callable, optional
-        Told how far it is, see `wormopt.progress`.
+        Receives the progress, see `wormopt.progress`.
 
     Returns
     -------
@@ -156,8 +156,8 @@ def plan_experiment(
     Raises
     ------
     SolveError
-        If limits are exceeded even where nothing is moved, or no run tells what is wanted; the
-        message names what cannot be told apart.
+        If limits are exceeded even without motion, or no run identifies the wanted unknowns; the
+        message names the combination that is not identifiable.
     Interrupted
         If the user stopped it; `partial` is the best Plan until then, None before there was one.
 
@@ -165,9 +165,9 @@ def plan_experiment(
     --------
     >>> import wormopt as wo
     >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
-    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> ramps = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
     >>> todo = wo.Experiment(
-    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [course]
+    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [ramps]
     ... )
     >>> plan = wo.plan_experiment(todo, todo.criterion("D"), rivals=5, starts=1)
     >>> plan.shrinks(plan.rivals[0].known) > 1.0, plan.excess < 1e-6
@@ -268,7 +268,7 @@ class _Search:
             if chosen is not None:
                 return chosen
         raise SolveError(
-            "limits along the motion are exceeded even where courses do not move",
+            "limits along the motion are exceeded even where the inputs do not change",
             "widen the limits, or begin elsewhere",
             code="no_room",
         )
@@ -286,11 +286,11 @@ class _Search:
             low, high = (middle, high) if kept else (low, middle)
         return self.experiment.chosen.shrunk(chosen, low)
 
-    def improve(self, start: np.ndarray, tell: Callable[[], None]) -> float:
+    def improve(self, start: np.ndarray, report: Callable[[], None]) -> float:
         """Search from a point within all limits; returns the criterion at the end."""
         margin, here, value = 0.0, start, self.look(start).value
         for _ in range(_TIGHTER):
-            here = self._steps(here, margin, tell)
+            here = self._steps(here, margin, report)
             over = self.over(here)
             if over <= _KEPT:
                 break
@@ -320,7 +320,7 @@ class _Search:
                     return one
         return chosen
 
-    def _steps(self, start: np.ndarray, margin: float, tell: Callable[[], None]) -> np.ndarray:
+    def _steps(self, start: np.ndarray, margin: float, report: Callable[[], None]) -> np.ndarray:
         """Sequential quadratic programs, with a margin to limits along the motion."""
         allowed = self.experiment.chosen.excess
 
@@ -331,7 +331,7 @@ class _Search:
             return -np.vstack([allowed(chosen)[1], self.slopes(chosen)[1]])
 
         def value(chosen: np.ndarray) -> float:
-            tell()
+            report()
             return self.look(chosen).value
 
         limits = {"type": "ineq", "fun": room, "jac": by_chosen}

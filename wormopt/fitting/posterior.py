@@ -19,7 +19,7 @@ from scipy.special import expit, log_expit, logit
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit, check_fit
-from wormopt.fitting.information import TOLD, spectrum
+from wormopt.fitting.information import DETERMINED, spectrum
 from wormopt.fitting.noise import rows_estimated
 from wormopt.fitting.task import FitTask, robust
 from wormopt.progress import Report, silent
@@ -171,9 +171,9 @@ def posterior(
 ) -> Posterior:
     """Draw the unknowns of a fit at random, by their probability given the readings.
 
-    Probability is that of normal noise, or of what the loss stands for, times the priors. Without
-    a prior every value of a coordinate between its bounds is as probable (of the logarithm with
-    ``log``), and so is every logarithm of noise that is to be estimated.
+    The probability is that of normal noise, or of noise according to the loss, times the priors.
+    Without a prior all values of a coordinate between its bounds are equally probable (of the
+    logarithm with ``log``), and so are all logarithms of noise that is to be estimated.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def posterior(
     seed : int, optional
         Of the random numbers.
     report : callable, optional
-        Told what share is done.
+        Receives the share that is done.
 
     Returns
     -------
@@ -371,7 +371,7 @@ class Density:
         columns = self.found.jacobian * self._free.slopes(self._middle)
         of_bounds = np.diag(np.sqrt(-self._free.log_slopes(self._middle)[2]))
         s, turned = spectrum(np.vstack([columns, of_bounds]), np.ones(len(self._middle)))
-        if (s <= TOLD * s.max()).any():
+        if (s <= DETERMINED * s.max()).any():
             shares = zip(self.task.names, turned[:, -1], strict=True)
             names = [name for name, share in shares if abs(share) > 0.1]
             raise ArgumentError(

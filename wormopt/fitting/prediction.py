@@ -10,7 +10,7 @@ from scipy import stats
 
 from wormopt.errors import ArgumentError
 from wormopt.fitting.estimate import Fit, check_fit, check_level
-from wormopt.fitting.information import TOLD, spectrum
+from wormopt.fitting.information import DETERMINED, spectrum
 from wormopt.fitting.noise import rows_estimated
 from wormopt.fitting.profile import refit
 from wormopt.fitting.recording import Recording
@@ -23,7 +23,7 @@ _SETTLED = 1e-4  # share of the squares that a fit of the run's own unknowns may
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a fit says of a run that it has not seen.
+    """Prediction of a run that the fit did not use.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ class Prediction:
     values : mapping of str to ndarray, shape (size, m)
         Signals predicted, at the times of the readings, gaps included.
     model_error : mapping of str to ndarray, shape (size, m)
-        Standard deviation of these by what the fit does not know of its numbers; infinite where
-        it cannot tell what moves them.
+        Standard deviation of these by the errors of the estimates; infinite where unidentifiable
+        parameters affect them.
     error : mapping of str to ndarray, shape (size, m)
         Standard deviation of readings around `values`: of model and noise together.
     level : float
@@ -146,7 +146,7 @@ def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Predict
     r, jacobian = _rows(task, own, theta)
     spread, open_ = _spread(found, task, own, jacobian)
     unbounded = jacobian @ open_
-    moves = np.linalg.norm(unbounded, axis=0) > TOLD * np.linalg.norm(jacobian * task.nominal)
+    moves = np.linalg.norm(unbounded, axis=0) > DETERMINED * np.linalg.norm(jacobian * task.nominal)
     taken = _basis(np.hstack([jacobian[:, own], unbounded[:, moves]]))
     chi2, sd = _judged(r, jacobian @ spread, taken)
     freedom = len(r) - taken.shape[1]
@@ -200,10 +200,10 @@ def _spread(
     spread[~own] = directions
     if own.any():  # these compensate the others, and the run's noise determines their own part
         columns = jacobian[:, own]
-        spread[own] = -np.linalg.lstsq(columns, jacobian @ spread, rcond=TOLD)[0]
+        spread[own] = -np.linalg.lstsq(columns, jacobian @ spread, rcond=DETERMINED)[0]
         noise = np.zeros((len(own), own.sum()))
         size, turns = spectrum(columns, np.ones(own.sum()))
-        noise[own] = turns / np.maximum(size, TOLD * size[0])
+        noise[own] = turns / np.maximum(size, DETERMINED * size[0])
         return np.hstack([spread[:, identified] / s[identified], noise]), spread[:, ~identified]
     return spread[:, identified] / s[identified], spread[:, ~identified]
 
@@ -212,7 +212,7 @@ def _basis(columns: np.ndarray) -> np.ndarray:
     if columns.shape[1] == 0:
         return columns
     s, v = spectrum(columns, np.ones(columns.shape[1]))
-    identified = s > TOLD * s.max(initial=0.0)
+    identified = s > DETERMINED * s.max(initial=0.0)
     return columns @ (v[:, identified] / s[identified])
 
 
@@ -240,7 +240,7 @@ def _bands(
         variance = np.sum(np.einsum("skm,kj->sjm", slope, spread) ** 2, axis=1)
         moved = np.linalg.norm(np.einsum("skm,kj->sjm", slope, open_), axis=1)
         usual = np.linalg.norm(slope * task.nominal[:, None], axis=1).max(initial=0.0)
-        sizes[signal] = np.where(moved > TOLD * usual, np.inf, np.sqrt(variance))
+        sizes[signal] = np.where(moved > DETERMINED * usual, np.inf, np.sqrt(variance))
     return {signal: motion[signal] for signal in slopes}, sizes
 
 

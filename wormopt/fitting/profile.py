@@ -17,7 +17,7 @@ from scipy import optimize, stats
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit, check_fit, check_level
-from wormopt.fitting.information import TOLD, triangle
+from wormopt.fitting.information import DETERMINED, triangle
 from wormopt.fitting.noise import rows_estimated
 from wormopt.fitting.task import FitTask
 from wormopt.numerics.roots import root
@@ -88,7 +88,7 @@ def _step(
     scale = task.nominal[free]
     columns = near.jacobian[:, free] * scale
     rise = near.residuals + near.jacobian @ (moved - near.theta)
-    step = np.linalg.lstsq(columns, -rise, rcond=TOLD)[0]
+    step = np.linalg.lstsq(columns, -rise, rcond=DETERMINED)[0]
     guess = moved.copy()
     guess[free] += step * scale
     inside = np.clip(guess, *task.bounds)
@@ -209,7 +209,7 @@ def profile(
     level : float, optional
         Confidence level.
     report : callable, optional
-        Told what share is done.
+        Receives the share that is done.
 
     Returns
     -------
@@ -363,9 +363,9 @@ class _Line:
         """Standard error of the unknown that the others cannot compensate."""
         others = np.delete(best.jacobian * self.task.nominal, self.index, axis=1)
         column = best.jacobian[:, self.index]
-        made_up = others @ np.linalg.lstsq(others, column, rcond=TOLD)[0]
+        made_up = others @ np.linalg.lstsq(others, column, rcond=DETERMINED)[0]
         left = float(np.linalg.norm(column - made_up))
-        return 1 / left if left > TOLD * np.linalg.norm(column) else np.inf
+        return 1 / left if left > DETERMINED * np.linalg.norm(column) else np.inf
 
     def _end(self, inside: Point, outside: Point, best: Point) -> tuple[list[Point], float]:
         """Crossing of z with the threshold's root, and the points evaluated."""

@@ -256,7 +256,7 @@ def _check_times(name: str, times: np.ndarray) -> None:
     back = np.flatnonzero(np.diff(times) <= 0)
     if back.size:
         k = int(back[0])
-        how = "stands twice" if times[k] == times[k + 1] else "goes backwards"
+        how = "occurs twice" if times[k] == times[k + 1] else "goes backwards"
         raise ArgumentError(
             f"{name}: time {how}, {times[k]:g} and then {times[k + 1]:g} (readings {k} and {k + 1})"
         )

@@ -302,7 +302,7 @@ class FitTask:
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """What is moved, one for each entry of ``theta``."""
+        """Moved parameters, one for each entry of ``theta``."""
         return coordinates_of(self.model, self.runs, self.unknowns)
 
     @cached_property
@@ -316,7 +316,7 @@ class FitTask:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the entries of ``theta`` are called."""
+        """Names of the entries of ``theta``."""
         return tuple(c.name for c in self.coordinates)
 
     @property
@@ -328,7 +328,7 @@ class FitTask:
 
     @property
     def start(self) -> np.ndarray:
-        """Where to begin, (n,)."""
+        """Start of the search, (n,)."""
         return np.array([c.start for c in self.coordinates])
 
     @property

@@ -433,7 +433,7 @@ class Spike(_Holding):
 
 @dataclass(frozen=True)
 class NoSlip(_Holding):
-    """What neither slides nor lets go: a pin along one direction, a skid or wheel across it.
+    """A contact never slides: a pin along one direction, a skid or wheel across it.
 
     Parameters
     ----------
@@ -455,7 +455,7 @@ class NoSlip(_Holding):
 
     @property
     def directions(self) -> tuple[int, ...]:
-        """None."""
+        """No direction: it never slides."""
         return ()
 
     @property

@@ -204,8 +204,8 @@ class Gait:
         samples : int, optional
             Rows, equidistant in time; at least 4.
         step : float, optional
-            Time from row to row, instead of `samples`; the last row stands at the period, after a
-            shorter step where the period is no multiple.
+            Time from row to row, instead of `samples`; the last row is at the period, after a
+            shorter step if the period is no multiple.
         derivatives : {0, 1, 2}, optional
             Lengths only, rates too (rate_0, ...), or accelerations as well.
         units : {"dimensionless", "SI"}, optional

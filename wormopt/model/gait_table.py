@@ -235,13 +235,13 @@ class _Rows:
             before, after = lengths[:, k], lengths[:, k + 1]
             if np.any(np.abs(after - before) > free):
                 raise ArgumentError(
-                    f" line {lines[k + 1]}: time {t[k]:g} stands twice, and the lengths jump; "
+                    f" line {lines[k + 1]}: time {t[k]:g} occurs twice, and the lengths jump; "
                     "times must ascend, each once but for breaks of the rates"
                 )
             lengths[:, k] = lengths[:, k + 1] = np.where(np.isnan(before), after, before)
         if np.any(np.diff(near) == 1):
             k = int(near[np.argmax(np.diff(near) == 1)])
-            raise ArgumentError(f" line {lines[k]}: time {t[k]:g} stands three times; keep two")
+            raise ArgumentError(f" line {lines[k]}: time {t[k]:g} occurs three times; keep two")
         return replace(self, t=t, lengths=lengths)
 
     def joined(self) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:

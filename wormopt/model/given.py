@@ -123,7 +123,7 @@ def check_kinds(name: str, values: object, kind: type) -> None:
 
 
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool = True) -> Iterator[Fault]:
-    """Yield a fault for a range whose ends are in the wrong order."""
+    """Yield a fault if a range is reversed, or a single point where `may_be_equal` is false."""
     low, high = pair
     if low > high or (low == high and not may_be_equal):
         yield key, f"the range [{low:g}, {high:g}] is empty; write the smaller number first"

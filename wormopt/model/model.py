@@ -91,8 +91,7 @@ class Signal:
         Bounds that hold by the model's own nature; `TINY` below what must be positive. Values
         beyond them are refused.
     value : float or sequence of float, optional
-        What a state starts from and what a parameter or input is, unless a solver is told
-        otherwise.
+        Start of a state, or value of a parameter or input, unless a solver gets another.
 
     Raises
     ------
@@ -593,7 +592,7 @@ class Model:
         Returns
         -------
         ndarray, shape (m,)
-            From 0 to ``end``, both included; what is equal but for round-off stands once.
+            From 0 to ``end``, both included; without those equal up to round-off.
         """
         found = [0.0, end]
         for schedule in self.schedules:
@@ -674,7 +673,7 @@ def check_symbols(
     remedy: str,
     others: Callable[[], ca.SX] = lambda: _NONE,
 ) -> None:
-    """Refuse symbols that stand twice among the known ones, or in expressions and not there.
+    """Refuse symbols that occur twice among the known ones, or in expressions but not there.
 
     `expressions`: what each is called, and itself; `remedy` ends the message of ArgumentError;
     symbols in `others` pass.

@@ -266,7 +266,7 @@ class Delay:
     name : str
         What is remembered, for instance ``"past_error"``.
     symbol : casadi.SX
-        Column of m symbols that stand for the past in the model's equations.
+        Column of m symbols for the past in the model's equations.
     signal : casadi.SX
         Column of m expressions of time, states, parameters and schedules, without contact forces
         and without other delays.

@@ -77,7 +77,7 @@ def _around(
 
 @dataclass(frozen=True, eq=False)
 class Evolved:
-    """What was found."""
+    """Best point, its value and the history."""
 
     point: np.ndarray
     value: float

@@ -86,7 +86,7 @@ def _divide(a: int, b: int) -> int:
 
 
 def _integer_power(base: int, exponent: int) -> int | None:
-    """None where the exponent is no small whole number."""
+    """Power by a small whole exponent; None for other exponents."""
     signed = exponent if exponent <= _PRIME // 2 else exponent - _PRIME
     if abs(signed) > _LARGEST_POWER:
         return None

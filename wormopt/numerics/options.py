@@ -58,7 +58,7 @@ Treatment = Smooth | Exact
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How exact each step shall be, and how much work may be spent.
+    """Accuracy of each step, and limits of work.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ class Tolerance:
     Raises
     ------
     ArgumentError
-        If something is no number, a tolerance not positive, or ``relative`` below what double
-        precision can tell.
+        If a value is not a number, a tolerance is not positive, or ``relative`` is below double
+        precision.
 
     Examples
     --------

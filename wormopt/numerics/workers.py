@@ -1,4 +1,4 @@
-"""The same work for many jobs in parallel: in several processes, or on a Dask cluster.
+"""Parallel work on many jobs, in several processes or on a Dask cluster.
 
 Threads cannot do most of this work in parallel: programs are assembled and evaluated in Python,
 and CasADi keeps Python's lock.
@@ -41,7 +41,7 @@ atexit.register(_executors.clear)
 
 @dataclass(frozen=True)
 class Engine:
-    """Where parallel work runs.
+    """Place where parallel work runs.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ class FixedModes:
     """Prescribes which contact sticks or slides in each phase; switching times are free.
 
     Between switches everything is smooth, so that collocation keeps its full order. A contact may
-    leave rest before its force reaches stiction: a simulation tells whether that was so.
+    leave rest before its force reaches stiction: a simulation shows whether it does.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class Complementarity:
     slide, and w (force - force of sliding) = 0 with the force inside the interval of rest. The
     products are relaxed to |w (force - force of sliding)| <= level (Scholtes), and the level is
     lowered from solve to solve. Where stiction is larger than sliding friction, a contact may leave
-    rest before its force reaches stiction: a simulation tells whether that was so.
+    rest before its force reaches stiction: a simulation shows whether it does.
 
     Parameters
     ----------

@@ -130,7 +130,7 @@ def failure(
         listed = " and ".join(f"{name} by about {size:.2g}" for name, size in gives.items())
         return SolveError(
             f"no motion meets all limits; the least that has to give way is {listed}",
-            "relax that, or what stands against it",
+            "relax that, or a limit in conflict with it",
             partial,
             "infeasible",
         )

@@ -79,9 +79,9 @@ class Ipopt:
     mu_init : float, optional
         First barrier parameter; small for warm starts.
     warm : bool, optional
-        Start where told, however close to a bound.
+        Start at the given point, even close to a bound.
     seconds : float, optional
-        Most processor time; no limit where nothing is said.
+        Limit of processor time; by default none.
     rescale : bool, optional
         Let IPOPT scale constraints whose slopes are steep at the start; its tolerance then holds
         for the scaled ones.

@@ -260,7 +260,7 @@ def optimise(
     solver : Solver, optional
         IPOPT where nothing is said.
     report : callable, optional
-        Told how far it is.
+        Receives the progress.
     explain : bool, optional
         Whether limits in conflict are sought where a solve fails, which takes longer than the
         solve.
@@ -275,8 +275,8 @@ def optimise(
     ArgumentError
         If the treatment of contact is not one of an optimisation.
     SolveError
-        If a level is not solved; the message says which limits stand against each other, or what
-        else to change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "late" or
+        If a level is not solved; the message says which limits are in conflict, or what else to
+        change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "late" or
         "not_solved".
     KeyboardInterrupt
         If the user stops it.
@@ -441,7 +441,7 @@ def refine(
     solver : Solver, optional
         As given to `optimise`.
     report : callable, optional
-        Told how far it is.
+        Receives the progress.
 
     Returns
     -------
@@ -541,7 +541,7 @@ def optimise_multistart(
     solver : Solver, optional
         IPOPT where nothing is said.
     report : callable, optional
-        Told how far it is.
+        Receives the progress.
 
     Returns
     -------

@@ -339,7 +339,7 @@ class StageProgram:
 
 
 def _with_idle_input(arcs: Linearised) -> Linearised:
-    """The same arcs with one more input, of cost u^2 / 2, without effect."""
+    """Add an input of cost u^2 / 2 without effect."""
     n, n_x, n_v = arcs.dynamics.shape
     hessian = np.zeros((n, n_v + 1, n_v + 1))
     hessian[:, :n_v, :n_v], hessian[:, n_v, n_v] = arcs.hessian, 1.0

@@ -143,7 +143,7 @@ def optimise_switching_times(
     solver : Solver, optional
         IPOPT with a tolerance of 1e-10 and a small barrier where nothing is said.
     report : callable, optional
-        Told how far it is.
+        Receives the progress.
 
     Returns
     -------

@@ -6,14 +6,11 @@ The registry of kinds lists them; each is loaded when it is drawn.
 from __future__ import annotations
 
 import shutil
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import IO, Any
 
-from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -25,7 +22,7 @@ from wormopt.errors import ArgumentError
 from wormopt.files import MARK, MOVING, STILL, sealed
 from wormopt.kinds import kind_of
 from wormopt.pictures.page import FACTS, Animation
-from wormopt.pictures.style import GREY, INCH, PAGE, RED, STYLE, visible, wrapped
+from wormopt.pictures.style import GREY, INCH, PAGE, RED, styled, visible, wrapped
 from wormopt.result import Result
 
 _DPI, _FILM_DPI = 200, 100
@@ -61,7 +58,7 @@ def figure(
         if size is not None and not 30 <= size <= 2000:
             raise ArgumentError(f"{name} is in mm, from 30 to 2000, not {size:g}")
     inches = (width or PAGE) / INCH
-    with _style(), rc_context({"figure.figsize": (inches, 0.62 * inches)}):
+    with styled({"figure.figsize": (inches, 0.62 * inches)}):
         drawn = _composer(result, picture)(result)
         # those of nested grids would be moved off the sheet
         drawn.align_ylabels([axes for axes in drawn.axes if _is_outermost(axes)])
@@ -86,7 +83,7 @@ def draw(
     result : Result
         What to show.
     picture : str
-        A word that `want` can hold in scenes of the result's kind.
+        Its name, as in the key `want` of scenes of this kind.
     path : path
         A name in a folder that exists, with the suffix ``.png``, ``.pdf`` or ``.svg``; of an
         animation ``.gif`` too, or ``.mp4`` where ffmpeg is installed.
@@ -95,14 +92,14 @@ def draw(
     height : float, optional
         In mm; by default as much as the picture needs.
     title : bool
-        Whether the title of the result and facts in numbers stand above.
+        Whether the title of the result and facts in numbers are shown above.
 
     Raises
     ------
     ArgumentError
         If there is no such picture, or it cannot be written in such a file.
     UnknownNameError
-        Naming what the picture needs and the result lacks; a KeyError.
+        If the result lacks what the picture needs; a KeyError that names it.
     OSError
         If the file cannot be written.
 
@@ -136,7 +133,7 @@ def draw(
 
 def save(drawn: Figure, target: Path | IO[bytes], form: str) -> None:
     """Write a figure as "png", "pdf" or "svg" to a file, the same bytes each time."""
-    with _style():
+    with styled():
         _lay_out(drawn, _DPI)
         drawn.savefig(target, format=form, dpi=_DPI, metadata=_METADATA[form])
 
@@ -149,14 +146,6 @@ def _lay_out(drawn: Figure, dpi: float) -> None:
     for axes in drawn.axes:
         place = axes.get_position(original=True).bounds
         axes.set_position([round(part, 6) for part in place], which="original")  # pyright: ignore[reportArgumentType]
-
-
-@contextmanager
-def _style() -> Iterator[None]:
-    with rc_context(STYLE), warnings.catch_warnings():
-        # a title may have letters that the font lacks
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        yield
 
 
 def _composer(result: Result, picture: str) -> Callable[[Result], Figure]:
@@ -276,7 +265,7 @@ def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
 def _film(moves: Animation, drawn: Figure, path: Path) -> None:
     film = FFMpegWriter if path.suffix == ".mp4" else PillowWriter
     writer = film(fps=_FRAMES_PER_SECOND)
-    with _style(), writer.saving(drawn, path, dpi=_FILM_DPI):
+    with styled(), writer.saving(drawn, path, dpi=_FILM_DPI):
         _lay_out(drawn, _FILM_DPI)  # once: nothing shifts from frame to frame
         for frame in range(moves.frames):
             moves.show(drawn, frame)

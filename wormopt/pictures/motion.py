@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from wormopt.labelled import SampledMotion
 from wormopt.pictures.page import Panel
-from wormopt.pictures.style import STYLE, sheet
+from wormopt.pictures.style import sheet, styled
 
 _RESTS = "resting"  # a band below all other signals
 
@@ -23,7 +22,7 @@ def signals(motion: SampledMotion, names: Sequence[str]) -> Figure:
     rests = _RESTS in motion.names and motion.dimension(_RESTS) == "mass"
     names = [name for name in names if not (rests and name == _RESTS)]
     heights = [1.7] * len(names) + [1.0] * rests
-    with rc_context(STYLE):
+    with styled():
         drawn = sheet(7.1 / 9 * (0.8 + sum(heights)))
         rows = drawn.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)
         panels = [Panel(axes) for axes in rows[:, 0]]

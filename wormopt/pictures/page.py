@@ -175,9 +175,9 @@ class Page:
 
     def facts(self, *texts: str, **scalars: str | tuple[str, str]) -> None:
         """Put facts in the heading: texts, and scalars with words for them, or words and a unit."""
-        told = [self.fact(name, *([words] if isinstance(words, str) else words))
-                for name, words in scalars.items()]  # fmt: skip
-        text = "; ".join(part for part in (*texts, *told) if part)
+        numbers = [self.fact(name, *([words] if isinstance(words, str) else words))
+                   for name, words in scalars.items()]  # fmt: skip
+        text = "; ".join(part for part in (*texts, *numbers) if part)
         if text:
             self.drawn.text(0.0, 1.0, text, label=FACTS)
 
@@ -194,7 +194,7 @@ class Page:
 
 
 def _times(value: Any, times: float) -> Any:
-    """A number, or a list of such, in another unit."""
+    """A number, or a list of numbers, in another unit."""
     if isinstance(value, list):
         return [_times(each, times) for each in value]
     return times * value if isinstance(value, int | float) else value
@@ -292,10 +292,10 @@ class Panel:
         rows = np.atleast_2d(self._values(y)[pick])
         if isinstance(y, str) and not what:
             what = self.page.result[y].dims[-2]
-        texts, told = labels(what, len(rows), worm=worm), named(len(rows)) if legend else ()
+        texts, shown = labels(what, len(rows), worm=worm), named(len(rows)) if legend else ()
         for j, (color, dashes) in enumerate(styles(what, len(rows))):
             look = {"color": color, "ls": dashes} | style
-            self.axes.plot(self._values(x), rows[j], label=texts[j] if j in told else None, **look)
+            self.axes.plot(self._values(x), rows[j], label=texts[j] if j in shown else None, **look)
         self._along(x)
         self._auto("y", y, words)
 

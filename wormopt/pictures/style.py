@@ -8,8 +8,10 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from io import BytesIO
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -80,6 +82,15 @@ STYLE: dict[RcKeyType, Any] = {
 }
 
 
+@contextmanager
+def styled(more: Mapping[RcKeyType, Any] = MappingProxyType({})) -> Iterator[None]:
+    """Draw in our style, and with more settings of Matplotlib."""
+    with rc_context({**STYLE, **more}), warnings.catch_warnings():
+        # a title may have letters that the font lacks
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        yield
+
+
 class Sheet(Figure):
     """A figure that notebooks show, without a window."""
 
@@ -87,9 +98,7 @@ class Sheet(Figure):
 
     def _repr_png_(self) -> bytes:
         file = BytesIO()
-        with rc_context(STYLE), warnings.catch_warnings():
-            # a title may have letters that the font lacks
-            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        with styled():
             self.savefig(file, format="png")
         return file.getvalue()
 
@@ -196,7 +205,7 @@ def labels(what: str, count: int, *, worm: bool = True) -> list[str]:
 
 
 def named(count: int) -> Sequence[int]:
-    """Which of many entries a legend names: the ends and the middle of more than nine."""
+    """Indices that a legend names: of more than nine entries the ends and the middle."""
     return range(count) if count <= len(MASSES) else (0, count // 2, count - 1)
 
 

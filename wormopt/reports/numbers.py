@@ -333,7 +333,7 @@ def _rest(trust: Mapping[str, Any]) -> str:
     kept = {key: value for key, value in trust.items() if key not in _SAID[:2]}
     text = _tree(kept) if kept else ""
     if len(text) > _MOST_LETTERS:
-        text = "<p>It is too long for this page; it stands in the result.</p>"
+        text = "<p>It is too long for this page; the result contains it.</p>"
     return details("Trust report in full", text) if text else ""
 
 

@@ -19,7 +19,7 @@ function worm(figure) {
   const button = figure.querySelector(".play");
   const now = figure.querySelector(".now");
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  const told = (value) => String(+value.toPrecision(3)).replace("-", "−");
+  const shown = (value) => String(+value.toPrecision(3)).replace("-", "−");
 
   function show(frame) {
     for (const lane of lanes) {
@@ -50,7 +50,7 @@ function worm(figure) {
     const at = lanes.length === 1 && lanes[0].rests
       ? lanes[0].rests.flatMap((row, i) => (row[frame] === "1" ? [i] : [])).join(", ") || "none"
       : "";
-    const text = `t = ${told(time)}${data.unit ? ` ${data.unit}` : ""}${at ? `, at rest: ${at}` : ""}`;
+    const text = `t = ${shown(time)}${data.unit ? ` ${data.unit}` : ""}${at ? `, at rest: ${at}` : ""}`;
     now.textContent = text;
     slider.setAttribute("aria-valuetext", text);
     slider.style.setProperty("--done", `${(100 * frame) / (count - 1)}%`);

@@ -5,18 +5,13 @@ from __future__ import annotations
 import inspect
 import io
 import re
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
 from wormopt.kinds import KINDS
 from wormopt.reports.parts import escaped
 from wormopt.result import Result
-
-if TYPE_CHECKING:
-    from matplotlib.typing import RcKeyType
 
 
 @dataclass(frozen=True)
@@ -52,21 +47,14 @@ def pictures(result: Result, prefix: str, room: float, most: int = 12) -> Iterat
 
 
 def _picture(result: Result, name: str, prefix: str) -> Picture:
-    from matplotlib import rc_context
-
     from wormopt.pictures import figure
-    from wormopt.pictures.style import STYLE
+    from wormopt.pictures.style import styled
 
     caption = _caption(KINDS[result.kind].pictures[name])
     try:
-        drawn = figure(result, name)
-        drawn.suptitle("")  # the page contains it
+        drawn = figure(result, name, title=False)  # the page contains it
         into = io.StringIO()
-        style: dict[RcKeyType, Any] = {**STYLE, "svg.fonttype": "path", "svg.hashsalt": prefix,
-                                       "path.simplify_threshold": 0.4}  # fmt: skip
-        with rc_context(style), warnings.catch_warnings():
-            # a title may have letters that the font lacks
-            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        with styled({"svg.hashsalt": prefix, "path.simplify_threshold": 0.4}):
             drawn.savefig(into, format="svg")
     except KeyError:  # results for this picture were not requested
         return Picture(caption, "")

@@ -112,7 +112,7 @@ def asked_html(result: Result) -> str:
 
 
 def again_html(result: Result) -> str:
-    """How to compute the result again: the scene to save and the command."""
+    """Instructions to compute the result again: the scene to save and the command."""
     raw = scene_of(result)
     if not raw:
         return ""

@@ -499,17 +499,17 @@ def _blocks(grid: Grid, ident: str, room: float) -> dict[int, str]:
             continue
         room -= size
         row = f"{ident}-row{point}" if len(grid.states) <= _MOST_ROWS else ident
-        told = f'<p class="told"><a href="#{row}">Its numbers</a></p>'
+        more = f'<p class="more"><a href="#{row}">Its numbers</a></p>'
         blocks[point] = (
             f'<details class="point" data-point="{point}"><summary>{escaped(grid.place(point))}'
-            f'</summary><div id="{own}">{told}{"".join(parts)}</div></details>'
+            f'</summary><div id="{own}">{more}{"".join(parts)}</div></details>'
         )
     return blocks
 
 
 def _table(grid: Grid, ident: str, targets: list[str], opened: bool) -> str:
     if len(grid.states) > _MOST_ROWS:
-        return f"<p>The numbers of all {len(grid.states)} points stand in the result.</p>"
+        return f"<p>The numbers of all {len(grid.states)} points are in the result.</p>"
     numbers = grid.numbers[: max(1, min(12, 30_000 // len(grid.states)))]
     heads = [f"{name} ({unit})" if unit else name for name, unit in [
         *((axis.name, "") for axis in grid.axes), ("status", ""),

@@ -136,7 +136,7 @@ def _lane(
 
 
 def _rests(result: Result, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Which mass rests when: from the result, else where its velocity is exactly zero."""
+    """Rests of masses over time: from the result, else where the velocity is exactly zero."""
     if "resting" in result:
         return result["resting"].values.astype(bool).reshape(1, *shape[1:])
     if "velocity" not in result or result["velocity"].dims != result["position"].dims:

@@ -39,7 +39,7 @@ Found = tuple[Trajectory, str]
 
 @dataclass(frozen=True)
 class Scenario:
-    """What one motion of an ensemble has of its own.
+    """Own values of one motion of an ensemble.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def simulate_ensemble(
         If the first so many members all spend all their steps, the others are given up, but for
         those that other threads have ended by then.
     report : callable, optional
-        Told what share is done.
+        Receives the share that is done.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Where a motion ends, without looking for a single event: a judge of those who do.
+"""The end of a motion without locating events: a check of the routes that locate them.
 
 Steps of fixed length hold the laws of contact as sets, over each step as a whole (Moreau and
 Jean): the force of a contact is what brings it to rest if its law can, else what it slides with.
@@ -77,7 +77,7 @@ def ending(
     most_steps : int, optional
         Of the finest run.
     report : callable, optional
-        Told how far it is.
+        Receives the progress.
 
     Returns
     -------

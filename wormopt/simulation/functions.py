@@ -135,7 +135,7 @@ _DRAWS, _SINGULAR = 3, 1e-12
 
 
 def _zeros(column: ca.SX) -> np.ndarray:
-    """Which entries are 0 for all values of their symbols."""
+    """Mask of entries that are 0 for all values of their symbols."""
     entries = ca.densify(column)
     drawn = ca.Function("entries", [ca.vertcat(*ca.symvar(entries))], [entries])
     random = np.random.default_rng(0)
@@ -515,7 +515,7 @@ class System:
         rest; then how well resting ones determine their forces, 1 well, 0 not at all.
         """
         acceleration = self._at_forces(self._free_acceleration, self.forces)
-        values = self._grips.tells(acceleration, self.forces, self.delassus)
+        values = self._grips.deciding(acceleration, self.forces, self.delassus)
         return self.function("probe", ca.vertcat(values, self._determined))
 
     @cached_property

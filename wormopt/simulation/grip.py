@@ -82,7 +82,7 @@ class Grip(Protocol):
         """Force of sliding in onset, else 0."""
         ...
 
-    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
+    def deciding(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.
 
         `own`: acceleration by force of each of their components.
@@ -143,7 +143,7 @@ class LineGrip:
         """Zero: they have no onset."""
         return ca.SX.zeros(len(self.rows))  # type: ignore[no-any-return]
 
-    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
+    def deciding(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided."""
         return self.velocity, acceleration, force, *map(ca.SX, self.law.stick_interval)
 
@@ -249,7 +249,7 @@ class PlaneGrip:
         """Force of sliding in onset, else 0."""
         return self._begins * self.slip
 
-    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
+    def deciding(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.
 
         Its speed, and its force relative to the holding force; in onset its velocity along d, and
@@ -387,10 +387,10 @@ class Grips:
             found[grip.rows, grip.rows] = grip.gives(rest, onset)
         return found
 
-    def tells(self, acceleration: ca.SX, forces: ca.SX, delassus: ca.SX) -> ca.SX:
-        """Values that decide modes: five columns, see `Grip.tells`, one below the other."""
+    def deciding(self, acceleration: ca.SX, forces: ca.SX, delassus: ca.SX) -> ca.SX:
+        """Values that decide modes: five columns, see `Grip.deciding`, one below the other."""
         columns = [
-            g.tells(acceleration[g.rows], forces[g.rows], delassus[g.rows, g.rows])
+            g.deciding(acceleration[g.rows], forces[g.rows], delassus[g.rows, g.rows])
             for g in self.each
         ]
         return ca.vertcat(*(self._by_contacts(column) for column in zip(*columns, strict=True)))

@@ -58,7 +58,7 @@ class InitialValueProblem:
 
     @cached_property
     def k(self) -> int:
-        """How many directions there are."""
+        """Number of directions."""
         return self.directions.k if self.directions else 0
 
     @cached_property

@@ -375,7 +375,7 @@ class MoreauJean:
         step : float, optional
             Longest step; 0.8 of the longest stable one at the start if left out.
         report : callable, optional
-            Told how far it is.
+            Receives the progress.
 
         Returns
         -------

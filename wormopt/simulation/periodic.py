@@ -228,7 +228,7 @@ def periodic_orbit(
         Derivative of the period along directions, by their labels, where it changes with them: with
         the frequency w of what drives the model, -2 pi / w^2.
     report : callable, optional
-        Told how far it is, see `wormopt.progress`.
+        Receives the progress, see `wormopt.progress`.
 
     Returns
     -------

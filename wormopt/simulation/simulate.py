@@ -133,7 +133,7 @@ def simulate(
         their start) and schedules, all entries of each, ``"mass[0]"`` for one; or for each label a
         direction, as ``{"friction": {"friction_forward": [1, 1, 1]}}``, in one or several of them.
     report : callable, optional
-        Told how far it is, see `wormopt.progress`.
+        Receives the progress, see `wormopt.progress`.
 
     Returns
     -------

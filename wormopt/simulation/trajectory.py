@@ -351,7 +351,7 @@ class Trajectory(SampledMotion):
         Parameters
         ----------
         expression : casadi.SX
-            Column of k entries; contact forces may stand in it.
+            Column of k entries; it may contain contact forces.
 
         Returns
         -------

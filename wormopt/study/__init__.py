@@ -1,4 +1,4 @@
-"""What a user asks for, read into typed tables, and the studies that compute it."""
+"""Scenes read into typed tables, and the studies that compute them."""
 
 from wormopt.lazy import on_use
 from wormopt.study.given import Given, entry, number, positive, whole

@@ -1,21 +1,20 @@
 """Types of scene values.
 
-Each type has a description, with which a message tells the user what to write. No number may be
+Each type has a description, which messages use to say what to write. No number may be
 NaN or infinite; the bounds `_LARGEST` exclude them.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Annotated
 
 from msgspec import Meta
 
-from wormopt.errors import Fault
 from wormopt.model.given import per as per
+from wormopt.model.given import wrong_order as wrong_order
 
 FOLDER: ContextVar[Path] = ContextVar("folder")
 """Folder of the scene being read."""
@@ -75,10 +74,6 @@ NonNegativePerMass = Annotated[
     NonNegative | tuple[NonNegative, ...],
     _words("a finite number, 0 or above, or a list of such numbers, one per mass"),
 ]
-NonNegativePerJoint = Annotated[
-    NonNegative | tuple[NonNegative, ...],
-    _words("a finite number, 0 or above, or a list of such numbers, one per joint"),
-]
 FinitePerLink = Annotated[
     Finite | tuple[Finite, ...],
     _words("a finite number, or a list of such numbers, one per link"),
@@ -91,13 +86,3 @@ Seed = Annotated[int, Meta(ge=0, le=2**32 - 1, description="a whole number from 
 
 # Control characters are refused: files and terminals corrupt them.
 Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quotes, on one line")]
-
-
-def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool) -> Iterator[Fault]:
-    """Yield a fault if a range [smallest, largest] is reversed or empty.
-
-    With `may_be_equal` a single point is allowed.
-    """
-    smallest, largest = pair
-    if smallest > largest or (smallest == largest and not may_be_equal):
-        yield key, f"the range [{smallest:g}, {largest:g}] is empty; write the smaller number first"

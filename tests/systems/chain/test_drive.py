@@ -175,12 +175,12 @@ def test_a_reference_that_ends_holds_its_ends(shift: float):
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: drive(worm(), travelling_sine(3, 1.0)), "has 2 scalar inputs, the course 3"),
+        (lambda: drive(worm(), travelling_sine(3, 1.0)), "3 rows for 2 scalar inputs"),
         (lambda: drive(worm(), np.zeros(2)), "inputs must be a Gait"),  # type: ignore[arg-type]
-        (lambda: drive(drive(worm(), CUBICS), CUBICS), "has 0 scalar inputs"),
+        (lambda: drive(drive(worm(), CUBICS), CUBICS), "2 rows for 0 scalar inputs"),
     ],
 )
-def test_courses_that_do_not_fit_are_refused(build: Callable[[], object], message: str):
+def test_inputs_that_do_not_fit_are_refused(build: Callable[[], object], message: str):
     with pytest.raises(ValueError, match=message):
         build()
 

@@ -134,7 +134,7 @@ def test_error_of_one_link_by_hand():
     still = offset * 8 / (8 + gain)
     by_hand = -still - amplitude * np.real(swing * np.exp(1j * angle))
     loop = FrozenLoop(plant, gain, "derivative")
-    assert task.course(loop, pushed=True)[0] == pytest.approx(by_hand, abs=1e-12)
+    assert task.error_over_period(loop, pushed=True)[0] == pytest.approx(by_hand, abs=1e-12)
     assert task.error(loop) == pytest.approx(np.abs(by_hand).max(), rel=1e-12)
 
 

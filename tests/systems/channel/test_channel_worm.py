@@ -26,9 +26,6 @@ from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.channel import channel_worm, segments
 from wormopt.systems.channel.closed_forms import (
-    CAPSULE,
-    SAMPLE_1,
-    SAMPLE_2,
     SHAPES,
     ChannelWorm,
     arc_length,
@@ -38,6 +35,7 @@ from wormopt.systems.channel.rod import distances, graph_curve
 from wormopt.systems.channel.samples import SAMPLES
 from wormopt.systems.channel.segments import SLEEVE_RISE, exact_elastica
 
+SAMPLE_1, SAMPLE_2, CAPSULE = map(ChannelWorm.of, ("sample-1", "sample-2", "capsule"))
 # mm, by sympy to 20 digits in test_errata_channel.py and of the same integrals; counts by the
 # nearest integer; velocities in mm per switch.
 REFERENCE = [

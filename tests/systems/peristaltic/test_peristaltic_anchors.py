@@ -72,11 +72,11 @@ def test_the_ceiling_of_clamped_segments_is_that_of_spikes_by_another_rule(segme
 def test_waves_of_any_length(wave: tuple[int, int], stroke: float, step: float):
     segments, short = wave
     gait = anchored_wave(segments, short, stroke, step)
-    assert gait.ways.sum(axis=0) == pytest.approx((segments - short) * stroke)
+    assert gait.displacements.sum(axis=0) == pytest.approx((segments - short) * stroke)
     assert gait.speed == pytest.approx((segments - short) * stroke / (segments * step))
     assert gait.faults().max() <= 1e-12 * stroke
     assert np.all((gait.lengths == 0).sum(axis=1) == short)
-    assert gait.ways.min() >= -1e-12 * stroke  # nothing goes back
+    assert gait.displacements.min() >= -1e-12 * stroke  # nothing goes back
     assert np.all(gait.anchored.sum(axis=1) == short - 1)
     assert np.array_equal(gait.anchored[1:], np.roll(gait.anchored, 1, axis=1)[:-1])  # to the tail
     if short > 1:
@@ -96,7 +96,7 @@ def test_rigid_anchors_are_spikes_and_the_wave_is_that_of_a_block_at_rest(wave: 
     links = block_wave(segments - 1, short, gait.period, (2.0, 3.0))
     block = crawl(links, [1.0] * segments, 0.0, 1e8)
     assert block.advance == pytest.approx(gait.advance)
-    middles = (gait.ways[:, 1:] + gait.ways[:, :-1]) / 2
+    middles = (gait.displacements[:, 1:] + gait.displacements[:, :-1]) / 2
     assert middles.sum(axis=1) == pytest.approx(segments - short)  # N - m masses by a stroke each
 
 

@@ -27,7 +27,6 @@ from wormopt.systems.peristaltic.drag_gaits import (
     cost_matrix,
     small_gaits,
     stationary,
-    strain_rate_gain,
 )
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -129,6 +128,22 @@ def test_a_worm_without_segments_or_size_is_refused():
             drag_worm(**{"exponent": 1.0, **given_})  # pyright: ignore[reportArgumentType]
 
 
+def strain_rate_gain(segments: int, *, fixed_total: bool = False) -> float:
+    """Return the gain k for the cost of strain rates in closed form: cot(phi / 2) / 2.
+
+    phi is 2 pi / N for a constant total length, which is a wave, else the root of
+    tan(N phi / 2) = -(N / 3) tan(phi / 2) between pi / N and 2 pi / N.
+    """
+    N = segments
+
+    def off(phi: float) -> float:
+        return 3 * np.sin(N * phi / 2) * np.cos(phi / 2) + N * np.cos(N * phi / 2) * np.sin(phi / 2)
+
+    whole = 2 * np.pi / N
+    phi = whole if fixed_total else float(brentq(off, np.pi / N, whole, xtol=1e-16, rtol=1e-15))  # pyright: ignore[reportArgumentType]
+    return float(1 / np.tan(phi / 2) / 2)
+
+
 def test_gains_in_closed_form_are_the_eigenvalues():
     for segments, gain in GAINS.items():
         assert strain_rate_gain(segments) == pytest.approx(gain, abs=6e-11)
@@ -174,7 +189,10 @@ def test_long_worms_are_continuous_to_second_order():
 @pytest.mark.parametrize("exponent", [-1.5, 1.0])
 def test_small_gaits_go_as_predicted_to_first_order_in_the_effort(exponent: float):
     best, efforts = small_gaits(4, exponent)[0], np.array([0.4, 0.2, 0.1])
-    off = [abs(displacement(best.gait(E), exponent) / best.way(exponent, E) - 1) for E in efforts]
+    off = [
+        abs(displacement(best.gait(E), exponent) / best.displacement(exponent, E) - 1)
+        for E in efforts
+    ]
     slope = np.polyfit(np.log(efforts), np.log(off), 1)[0]
     assert 0.95 < slope < 1.05
     assert max(off) < 0.01
@@ -187,7 +205,7 @@ def test_a_wave_of_fixed_length_is_quadratic_at_any_amplitude():
         assert wave.gait(cost)(np.linspace(0, 1, 2001)).max() == pytest.approx(1 + size, rel=1e-5)
         exact = np.pi * size**2 / 2 / math.tan(np.pi / segments)
         assert displacement(wave.gait(cost), 1.0) == pytest.approx(exact, rel=1e-12)
-        assert wave.way(1.0, cost) == pytest.approx(exact, rel=1e-12)
+        assert wave.displacement(1.0, cost) == pytest.approx(exact, rel=1e-12)
 
 
 @settings(max_examples=examples(20))
@@ -218,8 +236,8 @@ def test_ways_as_small_as_efforts_are_found_as_sharply():
     aim = DragAim(2, 0.1, "strain_rate", 1e-4, mean=1.0)
     motion = best_gait(aim, Mesh.even(1, 12, Collocation(8, "legendre"), 7), 1e-9)[0].motion
     begin, end = motion.state("position", np.array([0.0, motion.duration]))[0]
-    assert stationary(motion, aim).way == pytest.approx(end - begin, rel=1e-10)
-    assert end - begin == pytest.approx(aim.small_way, rel=1e-5)
+    assert stationary(motion, aim).displacement == pytest.approx(end - begin, rel=1e-10)
+    assert end - begin == pytest.approx(aim.small_displacement, rel=1e-5)
 
 
 @pytest.mark.slow
@@ -272,7 +290,7 @@ def test_three_segments_a_wave_where_drag_is_paid():
 
 
 @pytest.mark.slow
-def test_at_limits_of_the_lengths_a_gait_has_no_second_way():
+def test_at_limits_of_the_lengths_a_gait_has_no_second_route():
     found = solved("limits={length=[0.6, 1.4]}", "mesh.tolerance=1e-6")
     assert found.status == "ok"
     assert found.scalars["distance_stationary"].value is None

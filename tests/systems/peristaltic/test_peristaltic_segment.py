@@ -27,8 +27,6 @@ from wormopt.systems.peristaltic.membranes import (
     NEUTRAL,
     Fibres,
     balloon,
-    barrel_meridian,
-    barrel_stretch,
     barrel_swelling,
     determinant,
     fill_at,
@@ -234,17 +232,10 @@ def test_sealed_fibres_are_locked_between_two_angles():
 # ---- barrel and true membrane
 
 
-def test_barrels_keep_their_volume():
-    for stretch in (0.5, 0.9, 1.2):
-        share = np.polynomial.legendre.leggauss(8)
-        volume = stretch * np.sum(share[1] * barrel_meridian(stretch, share[0]) ** 2) / 2
-        assert volume == pytest.approx(1.0, rel=1e-13)
-        assert barrel_stretch(barrel_swelling(stretch)) == pytest.approx(stretch, rel=1e-13)
+def test_barrels_swell_more_than_cylinders():
     # s / 2 of a cylinder is 3 s / 4 of a barrel
     slope = ca.gradient(barrel_swelling(1 / (1 + LAM)), LAM)
     assert at(slope, lam=0.0) == pytest.approx(0.75, rel=1e-15)
-    with pytest.raises(ArgumentError, match="between 0 and 6"):
-        barrel_meridian(6.5, 0.0)
 
 
 def test_the_true_membrane():

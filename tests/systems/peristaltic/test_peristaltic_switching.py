@@ -74,15 +74,15 @@ def test_arcs_in_closed_form_are_those_of_the_ode(longest: float):
     )
     end = way_by_ode(worm, found, 1.4)
     assert end[:3] == pytest.approx(found.start, abs=1e-9)
-    assert end[3] == pytest.approx(found.way, abs=1e-9)
-    assert found.worth == pytest.approx(found.way / found.period)
+    assert end[3] == pytest.approx(found.displacement, abs=1e-9)
+    assert found.worth == pytest.approx(found.displacement / found.period)
 
 
 def test_the_best_times_of_two_coils_from_a_cold_start():
     found = search(TWO, "speed", FREE)
     assert (found.tried, found.complete) == (math.factorial(3), True)
     assert found.best.worth == pytest.approx(0.0157251385080923, abs=1e-14)
-    assert way_by_ode(TWO, found.best, -1.0)[2] == pytest.approx(found.best.way, abs=1e-9)
+    assert way_by_ode(TWO, found.best, -1.0)[2] == pytest.approx(found.best.displacement, abs=1e-9)
     program = SwitchingProgram(TWO, 4, "speed")
     noise = np.random.default_rng(3).normal(size=(50, 4))
     for step in noise:
@@ -166,11 +166,11 @@ def test_thrift_against_speed():
     limits = SwitchLimits((0.1, 20.0))
     fast, cheap = search(TWO, "speed", limits).best, search(TWO, "thrift", limits).best
     on = {id(f): float((f.durations @ f.order).sum()) for f in (fast, cheap)}
-    assert cheap.way / on[id(cheap)] > 1.1 * fast.way / on[id(fast)]
-    assert cheap.way / cheap.period < 0.9 * fast.worth
+    assert cheap.displacement / on[id(cheap)] > 1.1 * fast.displacement / on[id(fast)]
+    assert cheap.displacement / cheap.period < 0.9 * fast.worth
     slowest = 0.98 * fast.worth
     both = search(TWO, "thrift", replace(limits, speed=slowest)).best
-    assert both.way / both.period == pytest.approx(slowest, rel=1e-7)
+    assert both.displacement / both.period == pytest.approx(slowest, rel=1e-7)
     with pytest.raises(SolveError, match=r"fastest one has 0\.0157251"):
         search(TWO, "thrift", replace(limits, speed=0.02))
 

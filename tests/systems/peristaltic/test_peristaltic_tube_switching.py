@@ -87,11 +87,11 @@ def test_the_fastest_of_three_is_found_again_by_evolution():
 def test_a_worm_that_is_followed_by_its_coils_alone_goes_as_far():
     found = search(THREE, "speed", LIMITS, starts=3).best
     walked = walk(THREE, found.coils, found.durations, found.start)
-    assert walked.way == pytest.approx(found.way, abs=1e-9)
+    assert walked.displacement == pytest.approx(found.displacement, abs=1e-9)
     assert max(walked.slip, walked.loose) < 1e-8
     end = by_ode(THREE, found)
     assert end[:3] == pytest.approx(found.start, abs=1e-8)
-    assert end[3] == pytest.approx(found.way, abs=1e-8)
+    assert end[3] == pytest.approx(found.displacement, abs=1e-8)
     late = found.durations * np.where(np.arange(len(found.durations)) == 0, 0.5, 1.0)
     worse = walk(THREE, found.coils, late, found.start)
     assert worse.loose > 1e-2  # the tail goes off before the head has touched
@@ -149,7 +149,7 @@ def test_limits():
     assert (duty.durations @ duty.coils).max() <= 0.6 * duty.period + 1e-8
     assert 0.4 * free.worth < duty.worth < 0.6 * free.worth
     cheap = search(THREE, "thrift", LIMITS).best
-    assert cheap.worth > free.way / (free.durations @ free.coils).sum() * 1.0001
+    assert cheap.worth > free.displacement / (free.durations @ free.coils).sum() * 1.0001
     # one coil cannot hand over to another
     with pytest.raises(SolveError, match=r"a larger limits\.duty or limits\.together"):
         search(THREE, "speed", replace(LIMITS, together=1), starts=2)

@@ -88,7 +88,7 @@ def test_an_order_that_is_asked_for_is_kept(order):
     found = design(G1_WORM, G1_LIMITS, search=QUICK.vary(sequence=order))
     assert found.sequence == order
     assert found.trial is not None
-    turned, _ = designs.chosen(Trier(found.task), found.trial, turn=True)
+    turned, _ = designs.canonical_gait(Trier(found.task), found.trial, turn=True)
     assert turned.sequence == ((0,), (1,), (2,))
     free = kept(G1_WORM, G1_LIMITS, search=QUICK)
     assert found.speed == pytest.approx(free.speed, rel=1e-9)
@@ -117,7 +117,7 @@ def test_links_are_as_long_as_they_can_be():
 def test_the_choice_costs_nothing(worm: Worm, limits: Limits, monkeypatch: pytest.MonkeyPatch):
     """Neither speed nor limits, against the gait that the search found."""
     found = kept(worm, limits, search=QUICK)
-    monkeypatch.setattr(designs, "chosen", lambda trier, trial, *, turn: (trial, trial))
+    monkeypatch.setattr(designs, "canonical_gait", lambda trier, trial, *, turn: (trial, trial))
     first = design(worm, limits, search=QUICK)
     assert found.speed >= first.speed * (1 - 1e-11)
     assert max(found.violations.values()) <= max(1e-11, *first.violations.values())
@@ -127,7 +127,7 @@ def test_an_interrupted_choice_keeps_the_gait_that_was_found(monkeypatch: pytest
     def interrupted(*_: object, turn: bool):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(designs, "chosen", interrupted)
+    monkeypatch.setattr(designs, "canonical_gait", interrupted)
     found = design(G1_WORM, G1_LIMITS, search=QUICK)
     assert found.ended == "interrupted"
     assert found.speed == pytest.approx(G1, rel=1e-9)

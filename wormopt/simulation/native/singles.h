@@ -1,4 +1,4 @@
-/* What the code of a model without loops stands on: every number by itself, and functions that are
+/* Basis of the code of a model without loops: every number by itself, and functions that are
    not calls of the C library. In code of loops (vectors.h) these are called one_. */
 #include "numbers.h"
 #include "elementary.h"

@@ -257,8 +257,8 @@ def _draw_signal(panel: Panel, name: str, time: str) -> None:
     for j, text in enumerate(labels(what, len(values))):
         # Dashes distinguish curves that overlap.
         dashes = DASHES[j] if len(values) <= len(DASHES) else "-"
-        told = text if len(values) > 1 and text in names else ""
-        panel.curve(time, values[j], told, color=own[j], lw=1.2, ls=dashes)
+        shown = text if len(values) > 1 and text in names else ""
+        panel.curve(time, values[j], shown, color=own[j], lw=1.2, ls=dashes)
     if name == "length" and "command" in page:
         for row, color in zip(page["command"], own, strict=True):
             panel.curve(time, row, color=color, lw=0.9, ls=_REFERENCE)

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault, SceneError
-from wormopt.quantities import UNITS, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of_signal
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -370,7 +370,7 @@ class Simulate(Study, kind="simulate"):
             rows = values[name]
             alone = len(rows) == 1
             dims = ("time",) if alone else (f"{name}_entry", "time")
-            unit = _unit(quantity, self.units)
+            unit = unit_of_signal(quantity, self.units)
             found[name] = Variable(name, unit, dims, rows[0] if alone else rows, name)
         return found
 
@@ -414,13 +414,6 @@ def _own_signals(model: Model) -> dict[str, tuple[ca.SX, str]]:
     if model.contacts and "contact_force" not in named:
         named["contact_force"] = (model.forces, "force")
     return named
-
-
-def _unit(quantity: str, units: str) -> str:
-    """Unit for the name of a quantity or of a unit."""
-    if quantity in UNITS:
-        return unit_of(quantity, units)
-    return quantity if units == "SI" else "1"
 
 
 def _faults_of_file(path: Path, shown: str) -> Iterator[Fault]:

@@ -132,9 +132,10 @@ class ChannelWorm:
 
     Examples
     --------
-    >>> [round(1e3 * SAMPLE_1.velocity_per_frequency(shape), 2) for shape in SHAPES]
+    >>> worm = ChannelWorm.of("sample-1")
+    >>> [round(1e3 * worm.velocity_per_frequency(shape), 2) for shape in SHAPES]
     [1.46, 1.43, 1.26]
-    >>> SAMPLE_1.count("beam"), CAPSULE.count("line")
+    >>> worm.count("beam"), ChannelWorm.of("capsule").count("line")
     (4, 6)
     """
 
@@ -246,7 +247,7 @@ class ChannelWorm:
 
         Examples
         --------
-        >>> round(1e3 * SAMPLE_1.missing_length("sine"), 2)
+        >>> round(1e3 * ChannelWorm.of("sample-1").missing_length("sine"), 2)
         2.2
         """
         return self.count(shape) * self.arc_length(shape) - self.length
@@ -293,11 +294,6 @@ def _gauss_points() -> tuple[tuple[float, float], ...]:
     points, weights = np.polynomial.legendre.leggauss(_POINTS)
     bends = (1 - ((points + 1) / 2) ** 2) ** 2
     return tuple(zip(bends.tolist(), (weights / 2).tolist(), strict=True))
-
-
-SAMPLE_1 = ChannelWorm.of("sample-1")
-SAMPLE_2 = ChannelWorm.of("sample-2")
-CAPSULE = ChannelWorm.of("capsule")
 
 
 def warnings_of_count(name: str, worm: ChannelWorm, count: int, length: float) -> Iterator[str]:

@@ -194,18 +194,18 @@ def coil_design(result: Result) -> Figure:
     """Plot waveforms, paths of the float, currents over coil and time, and the film."""
     page = Page(result, 7.4, 8.4, _UNITS)
     shape = page.drawn.add_gridspec(3, 2, height_ratios=(3, 3.4, 1.3))
-    courses, ways = page.panel(shape[0, 0]), page.panel(shape[0, 1])
+    waveforms, paths = page.panel(shape[0, 0]), page.panel(shape[0, 1])
     ramps = page.get("slew_max") is not None  # of currents that change continuously
     per_step = len(page["pattern"]) / page["repeat"]
     for sort, name, color, dashes in zip(_SORTS, _NAMES, LINKS, DASHES, strict=False):
         values = page[f"{sort}pattern"]
-        courses.curve(np.arange(len(values) + 1) / per_step, np.append(values, values[0]), name,
+        waveforms.curve(np.arange(len(values) + 1) / per_step, np.append(values, values[0]), name,
                       color=color, ls=dashes, ds="default" if ramps else "steps-post")  # fmt: skip
         place = page[f"{sort}position" if sort else "float_position"]
-        ways.curve(page[f"{sort}time"], place, color=color, ls=dashes)
-    courses.label("steps of the pattern", "ampere-turns of a coil (A)")
-    ways.named("x", "time")
-    ways.label(y="position of the float (mm)")
+        paths.curve(page[f"{sort}time"], place, color=color, ls=dashes)
+    waveforms.label("steps of the pattern", "ampere-turns of a coil (A)")
+    paths.named("x", "time")
+    paths.label(y="position of the float (mm)")
     _currents(page.panel(shape[1, :]), ramps=ramps)
     film = page.panel(shape[2, :])
     k = 3 * (len(page["time"]) - 1) // 4

@@ -19,16 +19,16 @@ _SCHEDULES = (
 def shift(result: Result) -> Figure:
     """Draw gear, loads with their limits and position over time, and the load along the route."""
     page = Page(result, 6.6, 7.6)
-    gear, spike, force, way, ground = page.rows(1, 1.2, 1.2, 1.4, 1, share=False)
+    gear, spike, force, position, ground = page.rows(1, 1.2, 1.2, 1.4, 1, share=False)
     for upper in (gear, spike, force):
-        upper.axes.sharex(way.axes)
+        upper.axes.sharex(position.axes)
         upper.axes.tick_params(labelbottom=False)
     for name, time, of, color, dashes in _SCHEDULES:
         look = {"color": color, "ls": dashes}
         if f"{of}_gear" in page:
             gear.curve(page[time], page[f"{of}_gear"], name, ds="steps-post", **look)
         if f"{of}_place" in page:
-            way.curve(page[time], page[f"{of}_place"], name, **look)
+            position.curve(page[time], page[f"{of}_place"], name, **look)
     count = len(page["gear_speeds"])
     gear.axes.set(yticks=range(count), ylim=(-0.3, count - 0.7), ylabel="gear")
     for panel, name, words in ((spike, "spike_load", "spike load"),
@@ -43,13 +43,13 @@ def shift(result: Result) -> Figure:
         panel.axes.set_ylim(bottom=0)
     alone, place = page.get("fixed_time"), page["stroke_place"]
     if alone is not None:
-        way.curve([0.0, alone], place[[0, -1]], "best single gear", color=GREY, lw=0.8)
+        position.curve([0.0, alone], place[[0, -1]], "best single gear", color=GREY, lw=0.8)
     ends = [page[name][-1] for name in ("stroke_time", "adaptive_sample") if name in page]
-    way.axes.set_xlim(0.0, 1.02 * max(ends))
-    way.label("time $t$", of="stroke_time")
-    way.label(y="mean position $x$", of="stroke_place")
+    position.axes.set_xlim(0.0, 1.02 * max(ends))
+    position.label("time $t$", of="stroke_time")
+    position.label(y="mean position $x$", of="stroke_place")
     _draw_ground(ground)
-    for panel in (gear, spike, force, way, ground):
+    for panel in (gear, spike, force, position, ground):
         panel.legend()
     page.facts(time="arrives at", best_time="best in hindsight", fixed_time="best single gear")
     return page.drawn

@@ -35,7 +35,7 @@ class AnchoredGait:
     order: Sequence_  # segments anchored in each phase, ascending
     durations: np.ndarray  # (phases,)
     lengths: np.ndarray  # (phases, N) above the shortest, at the start of each phase
-    ways: np.ndarray  # (phases, N + 1) displacements of the rings in each phase
+    displacements: np.ndarray  # (phases, N + 1) of the rings in each phase
 
     @property
     def segments(self) -> int:
@@ -50,7 +50,7 @@ class AnchoredGait:
     @property
     def advance(self) -> float:
         """Displacement per cycle, the same for every ring."""
-        return float(self.ways[:, 0].sum())
+        return float(self.displacements[:, 0].sum())
 
     @property
     def speed(self) -> float:
@@ -60,7 +60,7 @@ class AnchoredGait:
     @property
     def changes(self) -> np.ndarray:
         """Changes of the lengths in each phase, (phases, N)."""
-        return -np.diff(self.ways, axis=1)
+        return -np.diff(self.displacements, axis=1)
 
     @cached_property
     def anchored(self) -> np.ndarray:
@@ -75,7 +75,9 @@ class AnchoredGait:
     def of_phases(self, kept: np.ndarray) -> AnchoredGait:
         """Return the gait with the selected phases alone, (phases,) true or false."""
         order = tuple(rest for rest, keep in zip(self.order, kept, strict=True) if keep)
-        return AnchoredGait(order, self.durations[kept], self.lengths[kept], self.ways[kept])
+        return AnchoredGait(
+            order, self.durations[kept], self.lengths[kept], self.displacements[kept]
+        )
 
     def faults(self) -> np.ndarray:
         """Return the mismatch of lengths and displacements, and the fault of anchored segments.
@@ -83,7 +85,12 @@ class AnchoredGait:
         Both numbers are 0 except for round-off.
         """
         course = np.roll(self.lengths, -1, axis=0) - self.lengths - self.changes
-        moved = [self.ways[:, :-1], self.ways[:, 1:], self.lengths, np.roll(self.lengths, -1, 0)]
+        moved = [
+            self.displacements[:, :-1],
+            self.displacements[:, 1:],
+            self.lengths,
+            np.roll(self.lengths, -1, 0),
+        ]
         return np.array([np.abs(course).max(), np.abs(np.where(self.anchored, moved, 0)).max()])
 
     def clearances(self) -> np.ndarray:
@@ -114,7 +121,10 @@ class AnchoredGait:
         The reserve is the friction limit of the anchors over drag of moving segments plus load, as
         in `anchors_needed`.
         """
-        moved = np.abs(self.ways[:, :-1] + self.ways[:, 1:]) > _STILL * np.abs(self.ways).max()
+        moved = (
+            np.abs(self.displacements[:, :-1] + self.displacements[:, 1:])
+            > _STILL * np.abs(self.displacements).max()
+        )
         needed = load + drag * moved.sum(axis=1)
         holds = hold * self.anchored.sum(axis=1)
         lasts = self.lasting & (needed > 0)
@@ -125,7 +135,7 @@ class AnchoredGait:
 
         This segment must push with it; 0 for phases of no duration.
         """
-        rests = np.abs(self.ways) <= _STILL * np.abs(self.ways).max()
+        rests = np.abs(self.displacements) <= _STILL * np.abs(self.displacements).max()
         ahead = np.maximum(np.argmax(rests, axis=1) - 1, 0)
         return np.where(self.lasting & rests.any(axis=1), drag * ahead, 0.0)
 
@@ -343,7 +353,7 @@ def slides(
     >>> wave.advance + slides(wave, 1.0, 1.0).sum(axis=0)
     array([0.5, 0.5])
     """
-    middles = (gait.ways[:, :-1] + gait.ways[:, 1:]) / 2
+    middles = (gait.displacements[:, :-1] + gait.displacements[:, 1:]) / 2
     forces = (np.broadcast_to(f, middles.shape) for f in (forward, backward))
     phases = zip(middles, *forces, strict=True)
     return np.array([common_velocity(v, ahead, back, force) for v, ahead, back in phases])
@@ -357,5 +367,5 @@ def slip(gait: AnchoredGait, hold: float, drag: float, load: float = 0.0) -> flo
     lasting = gait.of_phases(gait.lasting)
     friction = np.where(lasting.anchored, hold, drag)
     least, most = slides(lasting, friction, friction, -load).T
-    ways = np.where(least * most <= 0, 0.0, np.minimum(np.abs(least), np.abs(most)))
-    return float(ways.max())
+    displacements = np.where(least * most <= 0, 0.0, np.minimum(np.abs(least), np.abs(most)))
+    return float(displacements.max())

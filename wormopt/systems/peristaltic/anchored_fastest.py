@@ -88,24 +88,26 @@ def mode_bound(
     shares = rows.columns(np.ones(count))
     rings = range(segments + 1)
     free = np.array([[not _rests(i, rest, anchoring) for i in rings] for rest in sets])
-    ways = rows.columns(np.where(free, 1.0, 0.0))  # from -N to N, below
+    moves = rows.columns(np.where(free, 1.0, 0.0))  # from -N to N, below
     for j in range(segments):
-        grows = [(ways[:, j], 1.0), (ways[:, j + 1], -1.0)]
+        grows = [(moves[:, j], 1.0), (moves[:, j + 1], -1.0)]
         rows.add([*grows, (shares, -rate[1] / unit)], -np.inf, 0.0)
         rows.add([*grows, (shares, rate[0] / unit)], 0.0, np.inf)
     if anchoring == "mid":
         held = np.array([(k, j) for k, rest in enumerate(sets) for j in rest])
-        rows.add([(ways[held[:, 0], held[:, 1] + d], 1.0) for d in (0, 1)], 0.0, 0.0)
+        rows.add([(moves[held[:, 0], held[:, 1] + d], 1.0) for d in (0, 1)], 0.0, 0.0)
     alike = np.concatenate(
         [
-            rows.add([*((way, 1.0) for way in ways[:, i].tolist()), (int(speed), -1.0)], 0.0, 0.0)
+            rows.add(
+                [*((move, 1.0) for move in moves[:, i].tolist()), (int(speed), -1.0)], 0.0, 0.0
+            )
             for i in rings
         ]
     )
     rows.add([(share, 1.0) for share in shares.tolist()], 1.0, 1.0)
     upper = np.array(rows.upper)
-    upper[ways[free]] = segments
-    lower = np.where(np.isin(np.arange(len(upper)), ways[free]), -upper, 0.0)
+    upper[moves[free]] = segments
+    lower = np.where(np.isin(np.arange(len(upper)), moves[free]), -upper, 0.0)
     cost = np.zeros(len(upper))
     cost[speed] = 1.0
     found = LinearProgram(cost, rows, lower, upper).maximise()
@@ -248,8 +250,8 @@ class _Program:
         bound, rate = self._limits.ceiling, self._limits.rate
         speed = bound.speed / self._unit * (1 + _ROUNDING)
         for weights in (bound.weights, bound.weights[::-1])[: 2 if rate[0] == rate[1] else 1]:
-            ways = [(self.x[:, i], float(w)) for i, w in enumerate(weights)]
-            self.rows.add([*ways, (self.h, -speed)], -np.inf, 0.0)
+            moves = [(self.x[:, i], float(w)) for i, w in enumerate(weights)]
+            self.rows.add([*moves, (self.h, -speed)], -np.inf, 0.0)
 
     def _cost(self, speed: float) -> np.ndarray:
         cost = np.zeros(len(self.upper))

@@ -155,9 +155,9 @@ def displacement(gait: Gait, exponent: float) -> float:
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
     parts = _PARTS if gait.omega is None else _HARMONIC
     s = ((np.arange(parts)[:, None] + (nodes + 1) / 2) / parts).ravel()
-    way = 0.0
+    moved = 0.0
     for piece, begin, end in zip(range(gait.pieces), gait.breaks, gait.breaks[1:], strict=False):
         lengths, rates = (gait.on_piece(piece, s * (end - begin), order) for order in (0, 1))
         v = np.asarray(velocity(lengths, rates, exponent)).ravel()
-        way += (end - begin) / (2 * parts) * float(np.tile(weights, parts) @ v)
-    return float(way)
+        moved += (end - begin) / (2 * parts) * float(np.tile(weights, parts) @ v)
+    return float(moved)

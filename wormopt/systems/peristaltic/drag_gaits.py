@@ -21,7 +21,6 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 from scipy.linalg import eigh
-from scipy.optimize import brentq
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
@@ -54,22 +53,6 @@ def cost_matrix(segments: int, cost: Cost) -> np.ndarray:
     return S.T @ S + np.eye(segments) / 12
 
 
-def strain_rate_gain(segments: int, *, fixed_total: bool = False) -> float:
-    """Return the gain k for the cost of strain rates in closed form: cot(phi / 2) / 2.
-
-    phi is 2 pi / N for a constant total length, which is a wave, else the root of
-    tan(N phi / 2) = -(N / 3) tan(phi / 2) between pi / N and 2 pi / N.
-    """
-    N = segments
-
-    def off(phi: float) -> float:
-        return 3 * np.sin(N * phi / 2) * np.cos(phi / 2) + N * np.cos(N * phi / 2) * np.sin(phi / 2)
-
-    whole = 2 * np.pi / N
-    phi = whole if fixed_total else float(brentq(off, np.pi / N, whole, xtol=1e-16, rtol=1e-15))  # pyright: ignore[reportArgumentType]
-    return float(1 / np.tan(phi / 2) / 2)
-
-
 def mean_step(mode: np.ndarray) -> float:
     """Return the mean phase step of a harmonic (N,) between segments; weak ones count less."""
     return float(np.angle(np.sum(mode[1:] * mode[:-1].conj())))
@@ -98,7 +81,9 @@ class SmallGait:
         size = np.abs(self.mode)
         return size / size.max()
 
-    def way(self, exponent: float, effort: float, length: float = 1, period: float = 1) -> float:
+    def displacement(
+        self, exponent: float, effort: float, length: float = 1, period: float = 1
+    ) -> float:
         """Return the displacement per period at a cost: integral of e'^T M e'."""
         N = len(self.mode)
         return abs(exponent) * length * period * self.gain * effort / (2 * np.pi * N)
@@ -140,7 +125,7 @@ def small_gaits(
     Returns
     -------
     list of SmallGait
-        Each has ``gain``, ``way(exponent, effort)`` and ``gait(effort)``.
+        Each has ``gain``, ``displacement(exponent, effort)`` and ``gait(effort)``.
 
     Raises
     ------
@@ -199,7 +184,7 @@ class DragAim:
     Examples
     --------
     >>> aim = DragAim(3, 1.0, "strain_rate", 10.0, mean=1.0)
-    >>> aim.model.name, round(aim.small[0].way(1.0, aim.effort), 6)
+    >>> aim.model.name, round(aim.small[0].displacement(1.0, aim.effort), 6)
     ('worm of 3 segments on drag', 0.265258)
     """
 
@@ -248,9 +233,11 @@ class DragAim:
         return min(1.0, float(np.abs(small).max()))
 
     @property
-    def small_way(self) -> float:
+    def small_displacement(self) -> float:
         """Displacement per period by the theory of small strains about the middle length."""
-        return self.small[0].way(self.exponent, self.strain_effort, self.middle, self.period)
+        return self.small[0].displacement(
+            self.exponent, self.strain_effort, self.middle, self.period
+        )
 
     @property
     def scaled(self) -> DragAim:
@@ -284,7 +271,7 @@ def gait_problem(aim: DragAim) -> Problem:
     ends = Ends.of(model, count + 1)
     unit = aim.strain * aim.length * aim.period
     bounds = [
-        Constraint("start", ends.start[-1], 0.0, 0.0, aim.small_way),
+        Constraint("start", ends.start[-1], 0.0, 0.0, aim.small_displacement),
         Constraint("budget", ends.integrals[count], upper=aim.effort, nominal=aim.effort),
     ]
     if aim.mean is not None:
@@ -294,7 +281,7 @@ def gait_problem(aim: DragAim) -> Problem:
     return Problem(
         model,
         ends,
-        -(ends.end[-1] - ends.start[-1]) / aim.small_way,
+        -(ends.end[-1] - ends.start[-1]) / aim.small_displacement,
         (aim.period, aim.period),
         periodic=["length"],
         integrands=ca.vertcat(rows, model[aim.power]),
@@ -357,7 +344,7 @@ def best_gait(
     >>> from wormopt.numerics.collocation import Collocation
     >>> mesh = Mesh.even(1, 6, Collocation(6, "legendre"), 5)
     >>> aim = DragAim(2, 1.0, "strain_rate", 10.0, mean=1.0)
-    >>> round(-best_gait(aim, mesh, 1e-5)[0].objective * aim.small_way, 6)
+    >>> round(-best_gait(aim, mesh, 1e-5)[0].objective * aim.small_displacement, 6)
     0.209754
     """
     guesses = [guess_of(aim, small) for small in aim.small[:starts]]
@@ -384,7 +371,7 @@ _SAMPLES = 128
 class Stationary:
     """A gait that satisfies the Euler-Lagrange equations."""
 
-    way: float  # displacement per period
+    displacement: float  # per period
     price: float  # mu: derivative of the displacement by the effort
     residual: float  # largest residual of the equations, in scaled units
     drift: float  # delta, which vanishes
@@ -397,7 +384,7 @@ class _Lagrangian:
         model = aim.model
         self.q, self.u = model["length"], model["rate"]
         exponent = model["exponent"]
-        self.way, self.cost = (
+        self.displacement, self.cost = (
             ca.substitute(model[name], exponent, aim.exponent) for name in ("speed", aim.power)
         )
         self.means = self.q if aim.mean is not None else ca.SX(0, 1)
@@ -405,7 +392,7 @@ class _Lagrangian:
     @cached_property
     def A(self) -> ca.SX:
         """Slopes (n, 1) of the displacement by the rates."""
-        return ca.gradient(self.way, self.u)
+        return ca.gradient(self.displacement, self.u)
 
     @cached_property
     def M(self) -> ca.SX:
@@ -424,7 +411,7 @@ def stationary(motion: Motion, aim: DragAim) -> Stationary:
     multipliers = _multipliers(found, lengths, rates)
     turned = int(np.argmax(np.abs(rates[:, 0])))
     problem = _equations(found, scaled, turned, lengths[turned, 0])
-    tallied = ca.vertcat(found.means, found.cost, found.way)
+    tallied = ca.vertcat(found.means, found.cost, found.displacement)
     values = ca.Function("values", [found.q, found.u], [tallied, found.A, found.M @ found.u])
 
     def guess(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -453,10 +440,10 @@ def _samples(motion: Motion, aim: DragAim, s: np.ndarray) -> tuple[np.ndarray, n
 def _multipliers(found: _Lagrangian, lengths: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Return price mu and multipliers nu that fit the equations best on equal parts."""
     symbols = [found.q, found.u]
-    forces = (ca.gradient(found.way, found.q), ca.gradient(found.cost, found.q))
+    forces = (ca.gradient(found.displacement, found.q), ca.gradient(found.cost, found.q))
     parts = ca.Function("parts", symbols, [found.A, 2 * found.M @ found.u, *forces])
-    A, Mu, by_way, by_cost = (np.asarray(part) for part in parts(lengths, rates))
-    of_mu, right = (_slope(Mu) - by_cost).ravel(), (_slope(A) - by_way).ravel()
+    A, Mu, by_displacement, by_cost = (np.asarray(part) for part in parts(lengths, rates))
+    of_mu, right = (_slope(Mu) - by_cost).ravel(), (_slope(A) - by_displacement).ravel()
     of_nu = -np.kron(np.eye(len(A))[:, : found.means.numel()], np.ones((A.shape[1], 1)))
     return np.linalg.lstsq(np.column_stack([of_mu, of_nu]), right, rcond=None)[0]
 
@@ -474,13 +461,13 @@ def _equations(found: _Lagrangian, aim: DragAim, turned: int, begin: float) -> B
     p, mu, delta = ca.SX.sym("p", n), ca.SX.sym("mu"), ca.SX.sym("delta")
     nu = ca.SX.sym("nu", means.numel())
     u = ca.solve(found.M, p + found.A) / (2 * mu)
-    lagrangian = mu * found.cost - found.way + ca.dot(nu, means)
+    lagrangian = mu * found.cost - found.displacement + ca.dot(nu, means)
     rows = ca.vertcat(
         found.u,
         ca.gradient(lagrangian, found.q) + delta * found.u,
         means,
         found.cost,
-        found.way,
+        found.displacement,
     )
     tallies = means.numel() + 2
     start, end = (ca.SX.sym(name, 2 * n + tallies) for name in ("start", "end"))

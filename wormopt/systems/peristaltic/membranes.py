@@ -54,19 +54,6 @@ def barrel_swelling(stretch: Any) -> Any:
     return 1 + 1.25 * ((1 + 1.2 * (1 / stretch - 1)) ** 0.5 - 1)
 
 
-def barrel_stretch(swelling: Any) -> Any:
-    """Return the stretch at a largest radius: the inverse of `barrel_swelling`."""
-    wider = swelling - 1
-    return 1 / (1 + wider * (4 / 3 + 8 * wider / 15))
-
-
-def barrel_meridian(stretch: float, share: Any) -> Any:
-    """Return the radius over that of the rings at shares -1 to 1 of the half length."""
-    if not 0 < stretch < 6:
-        raise ArgumentError(f"stretch must be between 0 and 6 for a barrel, not {stretch:g}")
-    return 1 + (barrel_swelling(stretch) - 1) * (1 - share**2)
-
-
 WIDEST = 8.0
 """Hoop stretch up to which a limit is searched; rubber tears before."""
 

@@ -294,7 +294,7 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
         begin, kept = np.concatenate([[0.0], np.cumsum(gait.durations)]), gait.lasting
         length = self.shortest + gait.lengths
         behind = np.concatenate([[0.0], np.cumsum(length[0])])
-        rings = np.vstack([[-behind], -behind + np.cumsum(gait.ways, axis=0)])
+        rings = np.vstack([[-behind], -behind + np.cumsum(gait.displacements, axis=0)])
 
         def ends(values: np.ndarray) -> np.ndarray:
             pairs = np.stack([values[:-1][kept], values[1:][kept]], axis=1)
@@ -342,7 +342,7 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
             wave_speed=wave.speed,
             wave_short=short,
             wave_time=np.concatenate([[0.0], np.cumsum(wave.durations)]),
-            wave_position=np.concatenate([[0.0], np.cumsum(wave.ways[:, 0])]),
+            wave_position=np.concatenate([[0.0], np.cumsum(wave.displacements[:, 0])]),
         )
 
     @scalar("1", "speed divided by that of the wave")

@@ -259,7 +259,7 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
         return self.mesh.tolerance
 
     @stage
-    def second_way(self) -> tuple[Stationary | None, str]:
+    def second_route(self) -> tuple[Stationary | None, str]:
         """The gait by its Euler-Lagrange equations, and the method or why there is none."""
         if self.touches_limit:
             return None, "none: a segment reaches a limit of its length"
@@ -327,7 +327,7 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
 
     @scalar("length", "displacement by the theory of small strains, same effort")
     def distance_small(self) -> float:
-        return self.aim.small_way
+        return self.aim.small_displacement
 
     @scalar(
         "length",
@@ -335,12 +335,12 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
         "its length",
     )
     def distance_stationary(self) -> float | None:
-        again = self.second_way[0]
-        return again and again.way
+        again = self.second_route[0]
+        return again and again.displacement
 
     @scalar("1", "derivative of `distance` in lengths *L* by the relative effort")
     def price(self) -> float | None:
-        again = self.second_way[0]
+        again = self.second_route[0]
         return again and again.price * self.aim.effort / self.aim.length
 
     @scalar(
@@ -409,11 +409,11 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     @checks
     def equations(self) -> Iterator[Check]:
         """Yield a check that the gait is a local optimum."""
-        again, reason = self.second_way
+        again, reason = self.second_route
         name = "equations of Euler and Lagrange"
         if again is not None:
-            advice = f"by the Euler-Lagrange equations the displacement is {again.way:.9g}"
-            yield Check(name, abs(again.way / self.distance - 1), _AGREED, advice)
+            advice = f"by the Euler-Lagrange equations the displacement is {again.displacement:.9g}"
+            yield Check(name, abs(again.displacement / self.distance - 1), _AGREED, advice)
         elif reason.startswith("failed"):
             advice = (
                 "the Euler-Lagrange equations were not solved: "
@@ -424,12 +424,12 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
 
     @facts
     def routes(self) -> dict[str, Any]:
-        starts = [-self.aim.small_way * objective for objective in self.found[1]]
-        return {"starts": starts, "second_way": self.second_way[1]}
+        starts = [-self.aim.small_displacement * objective for objective in self.found[1]]
+        return {"starts": starts, "second_route": self.second_route[1]}
 
     @warnings
     def of_gait(self) -> Iterator[str]:
-        reason = self.second_way[1]
+        reason = self.second_route[1]
         if reason.startswith("none"):
             yield f"no second route to this gait: {reason.removeprefix('none: ')}"
         if self.touches_limit and self.limits.length is None:

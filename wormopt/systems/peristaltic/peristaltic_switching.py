@@ -292,7 +292,7 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
 
     @property
     def sought(self) -> Aim:
-        """What is maximised."""
+        """The maximised quantity."""
         return "speed" if self.objective.maximise else "thrift"
 
     @cached_property
@@ -327,7 +327,7 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
 
     @property
     def remedy(self) -> str:
-        """What to write if the best times are not determined well enough."""
+        """Advice if the best times are not determined well enough."""
         slow = max(self.worm.times)
         return (
             f"write limits.period within [{slow:g}, {_USED * self.worm.segments * slow:g}], where "
@@ -450,9 +450,9 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
         if worm.ground.contact is None:
             return
         walked = walk(worm, order != OFF, durations, found.start)
-        wrong = max(abs(walked.way - found.way), walked.slip) / found.way
+        wrong = max(abs(walked.displacement - found.displacement), walked.slip) / found.displacement
         advice = (
-            f"by the coils alone the displacement is {walked.way:.9g}, the slip "
+            f"by the coils alone the displacement is {walked.displacement:.9g}, the slip "
             f"{walked.slip:.3g}; {self.remedy}"
         )
         error = max(wrong, walked.loose / found.period)

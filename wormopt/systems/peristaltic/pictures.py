@@ -214,10 +214,10 @@ def worm(result: Result) -> Figure:
 def course(result: Result) -> Figure:
     """Plot positions of the rings, forces of the wall or lengths, and the balance of works."""
     page = Page(result, 5.6, 7.6, ("mm", "mm s-1", "mN", "µJ"))
-    way, middle, work = page.rows(1, 1, 1)
+    places, middle, work = page.rows(1, 1, 1)
     x, stored = page["position"], page["stored"]
-    way.curves("time", x - x[:, :1], what="ring", lw=1)
-    way.label(y="position of rings", of="position")
+    places.curves("time", x - x[:, :1], what="ring", lw=1)
+    places.label(y="position of rings", of="position")
     walled = page["normal_force"].max() > 0
     middle.curves("time", "normal_force" if walled else "stretch", ls="-", lw=1,
                   words="force of the wall" if walled else "stretch $l/L$")  # fmt: skip
@@ -226,7 +226,7 @@ def course(result: Result) -> Figure:
             work.curve("time", f"work_{name}", text, words="work on the worm", color=color,
                        ls=dashes)  # fmt: skip
     work.curve("time", stored - stored[0], "stored", color="black", lw=0.8)
-    for panel in (way, middle, work):
+    for panel in (places, middle, work):
         panel.legend()
     page.facts(
         speed="mean speed", advance_share=("share of ideal advance", "%"),
@@ -419,8 +419,8 @@ def _draw_body(panel: Panel, rings: np.ndarray, middle: float, t: float) -> None
 def _stage_body(result: Result) -> Page:
     page = Page(result, 1.7, 1.3)
     panel, places, thick = page.panel(), page["position"], _thickest(page)
-    way = _PERIODS * (places[0, -1] - places[0, 0])
-    ends = places.min() + min(way, 0.0), places.max() + max(way, 0.0)
+    moved = _PERIODS * (places[0, -1] - places[0, 0])
+    ends = places.min() + min(moved, 0.0), places.max() + max(moved, 0.0)
     panel.axes.set(xlim=(ends[0] - thick, ends[1] + thick), ylim=(-2.2 * thick, 2.2 * thick))
     panel.level(-1.1 * thick, ls="-", lw=1.2)
     panel.scenery(equal=False, heights=False)
@@ -433,8 +433,8 @@ def _pose_body(panel: Panel, frame: int) -> None:
     turn, part = divmod(frame, _FRAMES_PER_PERIOD)
     share = part / _FRAMES_PER_PERIOD
     t = share * page["instant"][-1]
-    way = turn * (places[0, -1] - places[0, 0])
-    _draw_body(panel, _rows_at(page, "position", t, "instant") + way, 0.0, t)
+    moved = turn * (places[0, -1] - places[0, 0])
+    _draw_body(panel, _rows_at(page, "position", t, "instant") + moved, 0.0, t)
     panel.axes.text(0.01, 0.88, f"t = {turn + share:.2f} T", color=GREY,
                     transform=panel.axes.transAxes)  # fmt: skip
 
@@ -460,30 +460,30 @@ def peristalsis(result: Result) -> Figure:
     begins = np.arange(0, len(result["time"].values), 2)
     tall = 0.5 * (len(begins) + 1)
     page = Page(result, tall + 2.6, tall + 2.6, _UNITS)
-    shape, way = page.rows(tall, 1.9, share=False)
+    shape, head = page.rows(tall, 1.9, share=False)
     for row, k in enumerate(begins):
         _draw_anchored(shape, -row, page["time"][k], int(k))
     _tube(shape, len(begins), 1)
     shape.axes.set_yticks(-np.arange(len(begins)), [number(page["time"][k], 3) for k in begins])
     shape.label(y="time $t$, downward", of="time")
     period = page["period"]
-    _repeated(way, page["time"], page["position"][0], "designed gait", color=LINKS[0])
-    _repeated(way, page["wave_time"], page["wave_position"], "wave", color=LINKS[1], ls=DASHES[1])
+    _repeated(head, page["time"], page["position"][0], "designed gait", color=LINKS[0])
+    _repeated(head, page["wave_time"], page["wave_position"], "wave", color=LINKS[1], ls=DASHES[1])
     end = _ROUNDS * period
-    way.curve([0, end], [0, page["bound"] * end], "bound on the mean", color=RED, ls=LIMIT, lw=0.9)
-    way.axes.set_xlim(0, end)
-    way.named("x", "time")
-    way.label(y="position of the head", of="position")
-    way.legend()
+    head.curve([0, end], [0, page["bound"] * end], "bound on the mean", color=RED, ls=LIMIT, lw=0.9)
+    head.axes.set_xlim(0, end)
+    head.named("x", "time")
+    head.label(y="position of the head", of="position")
+    head.legend()
     page.facts(speed="mean speed", ceiling="upper bound", wave_speed="wave", stroke="stroke")
     shape.entries = [patch("anchored on the wall", _ANCHORED), patch("moving, off the wall", _THIN)]
     return page.legend()
 
 
-def _repeated(panel: Panel, time: np.ndarray, way: np.ndarray, text: str, **style: Any) -> None:
+def _repeated(panel: Panel, time: np.ndarray, place: np.ndarray, text: str, **style: Any) -> None:
     """Draw a motion cycle by cycle for the periods shown."""
     turns = np.arange(np.ceil(_ROUNDS * panel.page["period"] / time[-1] - 1e-9))[:, None]
-    far = way - way[0] + (way[-1] - way[0]) * turns
+    far = place - place[0] + (place[-1] - place[0]) * turns
     panel.curve((time + time[-1] * turns).ravel(), far.ravel(), text, **style)
 
 

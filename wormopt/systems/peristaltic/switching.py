@@ -193,7 +193,7 @@ class Switched:
     order: np.ndarray  # (arcs, N) states of the segments: OFF, ON or ANCHORED
     durations: np.ndarray  # (arcs,)
     start: np.ndarray  # (N,) lengths at the start of the first arc
-    way: float  # displacement per period
+    displacement: float  # per period
     worth: float  # value of the objective
 
     @property
@@ -233,23 +233,25 @@ class SwitchingProgram:
         n = worm.segments
         d, coils = ca.SX.sym("duration", arcs), ca.SX.sym("coil", n, arcs)
         rest = ca.SX.sym("anchored", n, arcs)
-        start, shortest, way = _course(worm, d, coils, rest)
+        start, shortest, displacement = _course(worm, d, coils, rest)
         period, on = ca.sum1(d), ca.mtimes(coils, d)
-        worth = way / (period if aim == "speed" else ca.sum1(on))
+        worth = displacement / (period if aim == "speed" else ca.sum1(on))
         times = ca.vertcat(period, on, period - on) / worm.time
-        rows = ca.vertcat(times, on / period, way / period / worm.speed)
+        rows = ca.vertcat(times, on / period, displacement / period / worm.speed)
         if worm.ground.contact is not None:
             rows = ca.vertcat(rows, (shortest - worm.ground.contact) / (worm.off - worm.on))
         given = [d, ca.veccat(coils, rest)]
-        self._course = ca.Function("course", given, [start, way, worth, rows])
+        self._course = ca.Function("course", given, [start, displacement, worth, rows])
         w, p = ca.MX.sym("w", arcs), ca.MX.sym("p", 2 * n * arcs)
         _, _, best, bounded = self._course(w * worm.time, p)
         self._nlp = NonlinearProgram(w, p, -best / worm.speed, bounded)
 
     def at(self, order: np.ndarray, durations: np.ndarray) -> Switched:
         """Return the motion with an order (arcs, N) and durations (arcs,) of arcs."""
-        start, way, worth, _ = self._course(self._filled(durations), self._given(order))
-        return Switched(order, durations, np.asarray(start).ravel(), float(way), float(worth))
+        start, displacement, worth, _ = self._course(self._filled(durations), self._given(order))
+        return Switched(
+            order, durations, np.asarray(start).ravel(), float(displacement), float(worth)
+        )
 
     def allowed(self, order: np.ndarray, limits: SwitchLimits) -> np.ndarray:
         """Return which arcs of an order may last, (arcs,)."""
@@ -317,28 +319,28 @@ def _course(worm: SwitchedWorm, d: ca.SX, coils: ca.SX, rest: ca.SX) -> tuple[ca
         offset = (1 - gone) * offset + gone * target[:, i]
         whole += left
     start = offset / -ca.expm1(whole)
-    lengths, shortest, way = start, ca.SX.zeros(n), ca.SX(0)
+    lengths, shortest, displacement = start, ca.SX.zeros(n), ca.SX(0)
     for i in range(arcs):
         shortest += coils[:, i - 1] * (1 - coils[:, i]) * lengths
         begin, apart = lengths, lengths - target[:, i]
         lengths = target[:, i] + apart * ca.exp(-d[i] * pace[:, i])
         if worm.ground.contact is not None:  # velocity depends on rates alone
-            way += worm.ground.velocity(begin, lengths - begin, rest[:, i])
+            displacement += worm.ground.velocity(begin, lengths - begin, rest[:, i])
             continue
         span = -ca.expm1(-d[i] / slow)
         for s, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
             left = 1 - s * span
             now = apart * left ** (slow * pace[:, i])
             moving = worm.ground.velocity(target[:, i] + now, -now * pace[:, i], rest[:, i])
-            way += weight * span * slow / left * moving
-    return start, shortest, way
+            displacement += weight * span * slow / left * moving
+    return start, shortest, displacement
 
 
 @dataclass(frozen=True)
 class Walk:
     """Motion of a worm in a tube by its coils alone."""
 
-    way: float  # displacement in the given time
+    displacement: float  # in the given time
     slip: float  # sum of relative displacements of anchored segments
     loose: float  # time without any anchor, in which the last anchor is kept
 
@@ -351,7 +353,7 @@ def walk(worm: SwitchedWorm, coils: np.ndarray, durations: np.ndarray, lengths: 
     contact = worm.ground.contact
     if contact is None:
         raise ArgumentError("only a worm in a tube walks from anchor to anchor; give a Tube")
-    way = slip = loose = 0.0
+    displacement = slip = loose = 0.0
     places, held = centres(worm.segments), np.zeros(worm.segments, dtype=bool)
     for on, duration in zip(coils != OFF, durations, strict=True):
         target, tau = np.where(on, worm.on, worm.off), np.where(on, worm.tau_on, worm.tau_off)
@@ -367,10 +369,10 @@ def walk(worm: SwitchedWorm, coils: np.ndarray, durations: np.ndarray, lengths: 
             loose += 0.0 if rest.any() else step
             held = rest if rest.any() else held
             if held.any():
-                way -= float(moved[held].mean())
+                displacement -= float(moved[held].mean())
                 slip += float(np.ptp(moved[held]))
             lengths, left = after, left - step
-    return Walk(way, slip, loose)
+    return Walk(displacement, slip, loose)
 
 
 # it begins at an optimum
@@ -388,7 +390,7 @@ def switching_problem(
     model = worm.model
     n, contact = worm.segments, worm.ground.contact
     ends = Ends.of(model, n + len(holding))
-    way, on = ends.end[-1] - ends.start[-1], ends.integrals[:n]
+    displacement, on = ends.end[-1] - ends.start[-1], ends.integrals[:n]
     integrands = model["coil"]
     size = model.x[0].nominal
     bounds = [
@@ -399,7 +401,9 @@ def switching_problem(
     ]
     if limits.speed is not None:
         slowest = limits.speed
-        bounds.append(Constraint("objective.speed", way / ends.duration, slowest, nominal=slowest))
+        bounds.append(
+            Constraint("objective.speed", displacement / ends.duration, slowest, nominal=slowest)
+        )
     if contact is not None:
         # the length is constant at the wall, so its mean there gives it in one equation
         above = (model["anchored"] * (model["length"] - contact))[holding.tolist()]
@@ -409,7 +413,7 @@ def switching_problem(
     return Problem(
         model,
         ends,
-        -way / (ends.duration if aim == "speed" else ca.sum1(on)) / worm.speed,
+        -displacement / (ends.duration if aim == "speed" else ca.sum1(on)) / worm.speed,
         limits.period,
         periodic=["length"],
         integrands=integrands,

@@ -83,7 +83,9 @@ def search(
     for k, (ring, first) in enumerate(firsts):
         report("orders of switching", k / len(firsts))
         _climb(program, n, ring, first, limits, found)
-    reached = {ring: best for ring, best in found.items() if best is not None and best.way > 0}
+    reached = {
+        ring: best for ring, best in found.items() if best is not None and best.displacement > 0
+    }
     if not reached:
         raise _nowhere(worm, limits, starts, seed)
     ring = max(reached, key=lambda ring: reached[ring].worth)

@@ -452,8 +452,8 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
     @parts(Advance)
     def progress(self) -> Advance:
         wave, settle, center = self.wave, self.time.settle, self.signals.center
-        way = float(center[-1] - center[settle * self.samples])
-        advance = way / (self.time.cycles - settle)
+        moved = float(center[-1] - center[settle * self.samples])
+        advance = moved / (self.time.cycles - settle)
         switched = isinstance(wave, SwitchedWave)
         ideal = (self.worm.segments - wave.on) * self.stroke if switched else None
         against = int(np.sign(advance)) * (1 if wave.retrograde else -1)

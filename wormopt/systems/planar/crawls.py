@@ -193,7 +193,7 @@ class Crawling(Study):
     @facts
     def second_route(self) -> Mapping[str, Any]:
         return {
-            "second_way": "the dual problem by an interior point; quadrature at even phases",
+            "second_route": "the dual problem by an interior point; quadrature at even phases",
             "dual_violation": f"{self.errors.violation:.1e}",
         }
 

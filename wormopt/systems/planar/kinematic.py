@@ -24,7 +24,7 @@ SINGULAR = 1e-7
 
 @dataclass(frozen=True)
 class Constraints:
-    """Constraints of a body on the ground: pins, skids, and spikes.
+    """Constraints of a body on the ground: pins and skids.
 
     Parameters
     ----------
@@ -32,10 +32,6 @@ class Constraints:
         Masses that do not move; each removes two velocities.
     skids : tuple of int, optional
         Masses that move only along their heading; each removes one velocity.
-    spikes : tuple of int, optional
-        Masses that cannot move backward. Spikes that are also pins are held against backward
-        sliding alone; for the others the result shows whether they ever slide backward. Spikes do
-        not determine the motion.
 
     Raises
     ------
@@ -47,7 +43,6 @@ class Constraints:
     A pin and a skid are the least that determines a motion, without a condition on the shape. Two
     pins need a constant distance; more pins and skids need further conditions. These are checked
     when a motion is computed.
-    motion is made.
 
     Examples
     --------
@@ -57,10 +52,9 @@ class Constraints:
 
     pins: tuple[int, ...] = ()
     skids: tuple[int, ...] = ()
-    spikes: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("pins", "skids", "spikes"):
+        for name in ("pins", "skids"):
             masses = tuple(sorted(int(mass) for mass in getattr(self, name)))
             object.__setattr__(self, name, masses)
             if len(set(masses)) < len(masses) or (masses and masses[0] < 0):
@@ -89,7 +83,7 @@ class Constraints:
         shape : Shape
             The body.
         """
-        for name in ("pins", "skids", "spikes"):
+        for name in ("pins", "skids"):
             for mass in getattr(self, name):
                 if mass >= shape.n_points:
                     raise ArgumentError(
@@ -575,21 +569,3 @@ def _laws(shape: Shape, ground: Ground) -> list[ca.Function | None]:
 def _function(law: PlanarLaw) -> ca.Function:
     v = ca.SX.sym("v", 2)
     return ca.Function("slip", [v], [law.slip_force(v)])
-
-
-def spike_margins(motion: KinematicMotion, found: Loads) -> tuple[float, float]:
-    """Return the least velocity of free spikes along their heading, by the phase, and least hold.
-
-    The hold is the forward force on spikes that are pins. Spikes fail if a value is negative beyond
-    round-off; it is inf without such spikes.
-    """
-    which = _which(motion.phases, found.tau)
-    slip, pull = np.inf, np.inf
-    for k in np.unique(which):
-        mine, constraints = which == k, motion.phases[k].constraints
-        for i in constraints.spikes:
-            if i in constraints.pins:
-                pull = min(pull, float(found.force[mine, i, 0].min()))
-            else:
-                slip = min(slip, float(found.velocity[mine, i, 0].min()))
-    return slip, pull

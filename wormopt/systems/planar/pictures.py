@@ -271,8 +271,8 @@ def turning(result: Result) -> Figure:
     heading, rests, hold = page.rows(3, 1.5, 2, share=False)
     time, angle = page["time"], page["mean_heading"]
     heading.curve(time, angle - angle[0], "mean angle of both links", color=LINKS[0])
-    way = np.sign(angle[-1] - angle[0]) or 1.0
-    heading.curve(time, way * page["heading_rate_bound"] * time, "at the bound", color=RED,
+    sign = np.sign(angle[-1] - angle[0]) or 1.0
+    heading.curve(time, sign * page["heading_rate_bound"] * time, "at the bound", color=RED,
                   ls=LIMIT, lw=0.9)  # fmt: skip
     heading.axes.margins(x=0)
     heading.label(y="heading", of="mean_heading")
@@ -382,16 +382,16 @@ def planar_gait(result: Result) -> Figure:
     """Plot the body at equal times of a cycle, resting masses, shape over time, and stroke."""
     page = Page(result, 5.0, 8.0)
     panels = page.mosaic("PP;LC", "P;L;C", (3, 2), (2, 1.6, 1.2))
-    body, loop, course = (panels[name] for name in "PLC")
+    body, loop, over_time = (panels[name] for name in "PLC")
     shape, time = page["shape"], page["time"]
     at = np.searchsorted(time, np.linspace(time[0], time[-1], 6))
     _shapes(body, np.clip(at, 0, len(time) - 1), 0.2)
     for k, row in enumerate(shape):
         text = f"shape variable {k + 1}" if k < 6 else ""
-        course.curve(time, row, text, color=LINKS[k % len(LINKS)], ls="-" if k < 4 else "--")
-    course.named("x", "time")
-    course.label(y="shape variables")
-    course.axes.margins(x=0)
+        over_time.curve(time, row, text, color=LINKS[k % len(LINKS)], ls="-" if k < 4 else "--")
+    over_time.named("x", "time")
+    over_time.label(y="shape variables")
+    over_time.axes.margins(x=0)
     if len(shape) < 2:
         loop.axes.set_visible(False)
     else:
@@ -399,7 +399,7 @@ def planar_gait(result: Result) -> Figure:
     body.entry("mass at rest", "black", "", marker="s")
     turns = abs(page["turn"]) >= _NO_TURN
     page.facts(
-        page.fact("distance", "way"), page.fact("turn") * turns, duration="in", work="",
+        page.fact("distance"), page.fact("turn") * turns, duration="in", work="",
         turn_over_bound="rate over bound", work_over_bound="work over bound",
     )  # fmt: skip
     return page.legend()
@@ -436,19 +436,19 @@ def swim(result: Result) -> Figure:
     """Plot the body at equal times of a stroke, the path of its centre, and shape over time."""
     page = Page(result, 3.6, 5.4)
     if narrow():
-        course, body = page.rows(2, 3, share=False)
+        over_time, body = page.rows(2, 3, share=False)
     else:
-        ((course, body),) = page.grid(1, 2, width_ratios=(2, 3))
+        ((over_time, body),) = page.grid(1, 2, width_ratios=(2, 3))
     time, shape = page["instant"], page["shape"]
     _shapes(body, np.linspace(0, len(time) - 1, 5).round().astype(int), 0.25)
     for k, row in enumerate(shape):
-        course.curve(time, row, f"shape variable {k + 1}" if k < 4 else "",
+        over_time.curve(time, row, f"shape variable {k + 1}" if k < 4 else "",
                      color=LINKS[(k + 1) % len(LINKS)])  # fmt: skip
-    course.named("x", "instant", "time $t/T$")
-    course.label(y="shape $s_k$")
-    course.axes.margins(x=0)
+    over_time.named("x", "instant", "time $t/T$")
+    over_time.label(y="shape $s_k$")
+    over_time.axes.margins(x=0)
     turns = abs(page["turn"]) >= _NO_TURN
-    page.facts(page.fact("distance", "way"), page.fact("turn") * turns, efficiency="")
+    page.facts(page.fact("distance"), page.fact("turn") * turns, efficiency="")
     return page.legend()
 
 
@@ -577,16 +577,16 @@ def block(result: Result) -> Figure:
     """Plot the path with the velocity, its components over time, and the friction ellipse."""
     page = Page(result, 5.4, 8.6)
     parts = page.grid(*((4, 1) if narrow() else (2, 2)))
-    way, ellipse, speed, force = (panel for row in parts for panel in row)
+    path, ellipse, speed, force = (panel for row in parts for panel in row)
     time, x, y, stop = (page[name] for name in ("time", "x", "y", "stop_time"))
-    way.curve(x, y, color=LINKS[0])
+    path.curve(x, y, color=LINKS[0])
     marks = np.searchsorted(time, np.linspace(0, stop, 9)[:-1])
     arrows = [page[f"{name}_velocity"][marks] for name in "xy"]
-    way.axes.quiver(x[marks], y[marks], *arrows, angles="xy", color=GREY, width=0.006)
-    way.curve(x[-1], y[-1], "at rest", ls="", marker="o", color=RED)
-    way.axes.set_aspect("equal", adjustable="datalim")
-    way.axes.margins(0.1)
-    _places(way, "position ")
+    path.axes.quiver(x[marks], y[marks], *arrows, angles="xy", color=GREY, width=0.006)
+    path.curve(x[-1], y[-1], "at rest", ls="", marker="o", color=RED)
+    path.axes.set_aspect("equal", adjustable="datalim")
+    path.axes.margins(0.1)
+    _places(path, "position ")
     for panel, kind, words in (
         (speed, "{}_velocity", "velocity"),
         (force, "friction_{}", "friction"),
@@ -597,7 +597,7 @@ def block(result: Result) -> Figure:
         panel.level(stop, axis="x")
         panel.named("x", "time")
     _draw_ellipse(ellipse)
-    for panel in (way, speed, force, ellipse):
+    for panel in (path, speed, force, ellipse):
         panel.legend(above=0.85 if narrow() else 0.42)
     page.facts(stop_time="stops at time", distance="", stop_error="difference to second route")
     return page.drawn

@@ -333,7 +333,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
     @check(
         "accepted",
         "at fixed instants the motion ends {value:.2g} elsewhere",
-        name="motion by another way",
+        name="motion by another route",
     )
     def second_route(self) -> float:
         return self.recheck

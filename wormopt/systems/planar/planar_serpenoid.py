@@ -143,7 +143,7 @@ class PlanarSerpenoid(Study, kind="planar-serpenoid"):
     @check(
         "accepted",
         "the second route gives a speed that differs by {value:.2g}",
-        name="speed by another way",
+        name="speed by another route",
     )
     def second_route(self) -> float:
         return self.recheck_error

@@ -359,7 +359,7 @@ class PlanarSwim(Study, kind="planar-swim"):
     @facts
     def methods(self) -> Mapping[str, Any]:
         return {
-            "second_way": self.by_harmonics[1],
+            "second_route": self.by_harmonics[1],
             "quadrature_change": self.swum.error,
             "frame": self.frame,
         }

@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Meta
 
 from wormopt.errors import Fault, Interrupted, SceneError
-from wormopt.quantities import Scalar, Variable
+from wormopt.quantities import Scalar, Variable, unit_of_signal
 from wormopt.result import Result
 from wormopt.study import (
     Given,
@@ -56,7 +56,7 @@ with on_use():
     from wormopt.fitting.planning import Plan, plan_experiment
     from wormopt.fitting.unknowns import Unknown
     from wormopt.model.model import Model
-    from wormopt.systems.recorded.found import label_of, unit_of_directions, unit_of_signal
+    from wormopt.systems.recorded.found import label_of, unit_of_directions
     from wormopt.systems.recorded.recordings import model_of
 
 # Largest accepted difference of the criterion by the second route, and violation of limits.
@@ -536,7 +536,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
         times = np.linspace(0.0, experiment.end, _SHOWN)
         found: dict[str, Any] = {"time": times}
         for choice, part in experiment.chosen.parts(plan.chosen):
-            name, values = f"course_{choice.signal}", choice.course(part, times)
+            name, values = f"course_{choice.signal}", choice.over_time(part, times)
             dims = f"{name}_entry", "time"
             found[name] = Variable(
                 name, units[choice.signal], dims, values, f"input {choice.signal}"

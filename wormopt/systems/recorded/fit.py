@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta, field, structs
 
 from wormopt.errors import ArgumentError, Fault, Interrupted, SceneError
-from wormopt.quantities import Scalar, Variable
+from wormopt.quantities import Scalar, Variable, unit_of_signal
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -31,7 +31,7 @@ from wormopt.study import (
 from wormopt.study.members import NotComputedError
 from wormopt.study.numerics import Contacts, ExactContact
 from wormopt.study.types import Positive, Seed
-from wormopt.systems.recorded.found import Found, label_of, unit_of_directions, unit_of_signal
+from wormopt.systems.recorded.found import Found, label_of, unit_of_directions
 from wormopt.systems.recorded.recordings import RecordingFile, Run, model_of, runs_of
 from wormopt.systems.recorded.tables import (
     FromScene,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from wormopt.quantities import UNITS, Scalar, unit_of
+from wormopt.quantities import Scalar, unit_of_signal
 from wormopt.study import on_use, signal
 
 with on_use():
@@ -107,10 +107,3 @@ def unit_of_directions(model: Model, directions: Mapping[str, np.ndarray], units
     signals = {s.name: s.unit for s in (*model.x, *model.p, *model.u)}
     found = {unit_of_signal(signals.get(name, "1"), units) for name in directions}
     return found.pop() if len(found) == 1 else "1"
-
-
-def unit_of_signal(unit: str, units: str) -> str:
-    """Unit of a signal: that of its quantity, or its own."""
-    if unit in UNITS:
-        return unit_of(unit, units)
-    return unit if units == "SI" else "1"

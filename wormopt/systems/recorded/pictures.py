@@ -230,9 +230,9 @@ def measurements(result: Result) -> Figure:
     else:
         axes.set_xticks(x, names, rotation=20, ha="right", parse_math=False)
     # all may measure one scalar
-    told, units = (set(result.attributes[key]) for key in ("scalars", "scalar_units"))
-    panel.label(y="measured numbers" if len(told) > 1 else
-                label(told.pop().replace("_", " "), units.pop()))  # fmt: skip
+    measured, units = (set(result.attributes[key]) for key in ("scalars", "scalar_units"))
+    panel.label(y="measured numbers" if len(measured) > 1 else
+                label(measured.pop().replace("_", " "), units.pop()))  # fmt: skip
     page.facts(n_measurements="measurements", n_runs="runs")
     return page.legend()
 

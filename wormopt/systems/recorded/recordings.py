@@ -16,7 +16,7 @@ from typing import Any, Literal, NoReturn, TypeVar
 
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.files import is_there
-from wormopt.quantities import UNITS, parsed, scale, unit_of
+from wormopt.quantities import parsed, scale, unit_of_signal
 from wormopt.study import Given, Study, entry, on_use
 from wormopt.study.scene import packaged_folder
 from wormopt.study.types import Title
@@ -519,7 +519,7 @@ class _Places:
         """Conversion factor for readings of a column."""
         if not unit or self._units != "SI":
             return 1.0
-        wanted = unit_of(quantity, "SI") if quantity in UNITS else quantity
+        wanted = unit_of_signal(quantity, "SI")
         try:
             (size, dimension), (one, needed) = scale(unit), parsed(wanted)
         except ValueError as error:

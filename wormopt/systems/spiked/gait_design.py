@@ -360,7 +360,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
         return known
 
     def _of_certificate(self) -> dict[str, Any]:
-        """What is proven, and how."""
+        """Facts of the proof."""
         known: dict[str, Any] = {
             "holds_for": "every gait with any resting sequence, number of phases and cycles in "
             f"which gait.resting = {self.gait.resting} and all other limits hold at all times",

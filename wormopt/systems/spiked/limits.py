@@ -56,7 +56,7 @@ class Limits(Given, kw_only=False):
     """
 
     name: ClassVar[str] = "limits"
-    """What messages call them."""
+    """Name in messages."""
 
     period: PositiveOrPair = entry(
         "the motion repeats after this time, one number or a range to choose from; the design "

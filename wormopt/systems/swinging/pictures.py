@@ -24,12 +24,12 @@ def reversals(result: Result) -> Figure:
                     words="velocity of the centre $V$")  # fmt: skip
     below.curve("time", "center_velocity_averaged", "averaged, order 1", color=LINKS[1], lw=1.1,
                 ls=DASHES[1], words="velocity of the centre $V$")  # fmt: skip
-    told = set[str]()
+    named = set[str]()
     for V, stable in zip(page["steady_velocities"], page["steady_stable"], strict=True):
         text = "steady" if stable else "steady, unstable"
-        below.level(V, "" if text in told else text, color=GREY if stable else RED, ls=":", lw=1,
+        below.level(V, "" if text in named else text, color=GREY if stable else RED, ls=":", lw=1,
                     zorder=1.5)  # fmt: skip
-        told.add(text)
+        named.add(text)
     below.legend()
     page.facts(velocity_exact_mean="mean velocity", smallness="small parameter",
                velocity_steady="steady velocity by averaging")  # fmt: skip

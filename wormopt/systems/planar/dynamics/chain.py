@@ -332,14 +332,14 @@ def planar_chain(
         position = _relaxed(rest_length, rest_angle, links)
     chain = _Chain(links, heading, springs, weights)
     ground = touch(ground_laws(law, links + 1), chain.seen, units.force, units.speed)
-    stands = press(obstacles, *chain.in_plane, units.force, units.speed)
+    pressed = press(obstacles, *chain.in_plane, units.force, units.speed)
     states = [
         Signal("position", chain.r, "length", length_nominal,
                value=pairs("position", position, links + 1)),
         Signal("velocity", chain.v, "speed", units.speed,
                value=pairs("velocity", velocity, links + 1)),
     ]  # fmt: skip
-    return chain.model(t, states, units, ground, stands)
+    return chain.model(t, states, units, ground, pressed)
 
 
 @dataclass(frozen=True)
@@ -424,10 +424,10 @@ class _Chain:
         states: list[Signal],
         units: _Units,
         ground: Touching,
-        stands: tuple[list[Contact], ca.SX],
+        against: tuple[list[Contact], ca.SX],
     ) -> Model:
         """Return the model under forces of ground and obstacles."""
-        geometry, springs, (walls, pressed) = self.geometry, self._springs, stands
+        geometry, springs, (walls, pressed) = self.geometry, self._springs, against
         grounded = ca.vec(geometry.turned(ground.forces))
         outer = self._weights[1].symbol + grounded + ca.vec(pressed)
         acceleration = self.inertia.solve(outer - geometry.pulled(self.mu))

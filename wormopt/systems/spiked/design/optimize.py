@@ -127,12 +127,12 @@ def designed(
         )
     begin = perf_counter()
     survey = search(task, settings, report, hints, better)
-    stands = (
+    is_still = (
         task.objective.minimise is None
         and survey.trials
         and (survey.trials[0].value < _STANDSTILL * task.speed_nominal)
     )
-    if stands or not survey.trials:
+    if is_still or not survey.trials:
         raise _nothing(task, settings, survey, report)
     searched = perf_counter()
     found = _finest(task, settings, survey, bound, report)

@@ -50,7 +50,7 @@ from wormopt.systems.spiked.search.trial import Trial, Trier
 Better = Callable[[Trial], None]
 
 # Trials within this share of the best with as many arcs are tried with more. The absorbed energy is
-# a small part of the total, so few arcs tell little about it.
+# a small part of the total, so few arcs say little about it.
 _MARGINS, _MARGINS_OF_ENERGY = (0.08, 0.01), (0.5, 0.15)
 # Share of the value within which another local optimum of an order is kept; share of the cycle
 # within which the phases of two gaits are equally long.
