@@ -659,7 +659,7 @@ def test_a_sweep_of_several_trackers_draws_a_line_for_each():
     swept = wo.sweep(scene, {"time.end": [0.1, 0.2]}, engine=SERIAL)
     assert swept.attributes["numbers"] == []
     panel = swept.plot().axes[0]
-    assert [line.get_ydata().tolist() for line in panel.lines] == swept[
+    assert [np.asarray(line.get_ydata()).tolist() for line in panel.lines] == swept[
         "distance"
     ].values.T.tolist()
 
