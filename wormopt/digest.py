@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.kinds import KINDS
-from wormopt.shown import Part, brief
+from wormopt.shown import Part, brief, whole_lists
 
 # Better direction of numbers, if it is defined.
 BETTER = {
@@ -175,7 +175,7 @@ def _effects(known: Mapping[str, Any], shares: list[float]) -> Iterator[tuple[st
             yield name, _with_unit(value, unit), f"{share:+.3g} %"
     without = [name for name, *_, share in rows if not abs(share) >= _NO_EFFECT]
     if without:
-        yield "without effect", "", ", ".join(without)
+        yield "without effect", "", ", ".join(whole_lists(without, known["name"]))
 
 
 def _reached(excess: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

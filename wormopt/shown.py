@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Sequence
 from decimal import ROUND_CEILING, Context, Decimal
 from html import escape
@@ -24,7 +25,10 @@ def text(value: Any, digits: int = WHOLE) -> str:
     if isinstance(value, float):
         return f"{value + 0.0:.{digits}g}"  # no -0
     if isinstance(value, list | tuple):
-        return f"[{', '.join(text(item, digits) for item in value)}]"
+        words = [text(item, digits) for item in value]
+        if any(isinstance(item, str) and "," in item for item in value):
+            words = [json.dumps(word, ensure_ascii=False) for word in words]
+        return f"[{', '.join(words)}]"
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key} {text(item, digits)}' for key, item in value.items())}}}"
     return value if isinstance(value, str) else json.dumps(value)
@@ -43,12 +47,25 @@ def brief(value: Any, width: int = _VALUE) -> str:
     if not isinstance(value, list) or len(whole) <= width:
         return line(whole, width) if value != [] else "none"
     rows = [row for row in value if isinstance(row, list)]
-    if len(rows) == len(value) and len({len(row) for row in rows}) == 1:
+    counted = all(isinstance(item, int) for row in rows for item in row)  # masses at rest, say
+    if not counted and len(rows) == len(value) and len({len(row) for row in rows}) == 1:
         known = [item for row in rows for item in row if isinstance(item, int | float)]
         ends = dict.fromkeys(text(end, SHORT) for end in (min(known), max(known))) if known else ()
         return f"{len(rows)} × {len(rows[0])} entries, {' to '.join(ends)}".rstrip(", ")
-    kept = whole[: width - 15].rpartition(", ")[0]
-    return f"{kept or '['}, …], {len(value)} in all"
+    end = "], " if rows else ", "
+    kept, at, _ = whole[: width - 15].rpartition(end)
+    return f"{kept}{at or '['}…], {len(value)} in all"
+
+
+def whole_lists(names: Iterable[str], all_names: Iterable[str]) -> list[str]:
+    """Name a list once of which all entries are among the names, `worm.load` for `worm.load[0]`."""
+
+    def whole(name: str) -> str:
+        return re.sub(r"\[\d+\]", "", name)
+
+    names = list(names)
+    partly = {whole(name) for name in {*all_names} - {*names}}
+    return [*dict.fromkeys(name if whole(name) in partly else whole(name) for name in names)]
 
 
 def one_line(words: str) -> str:

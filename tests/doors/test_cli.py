@@ -595,4 +595,7 @@ def test_wrong_usage_ends_with_two(words: str, told: str, capsys: Capture):
     with pytest.raises(SystemExit) as ended:
         main(words.split())
     assert ended.value.code == 2
-    assert told in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert told in err
+    own = "" if words in ("", "walk") else words.split()[0]
+    assert err.startswith(f"usage: wormopt {own}")

@@ -6,6 +6,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -241,6 +242,34 @@ def test_columns_that_are_not_there_are_refused(
     folder = str(tmp_path / "fast")
     assert main(["export", folder, "--csv", "--columns", "lenght", "-o", str(tmp_path)]) == 2
     assert "has no column 'lenght'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("formats", "options", "what"),
+    [
+        (["mat", "c"], {"step": 0.1}, "step changes nothing in mat, c, only in csv, ros, mjcf"),
+        ("mjcf", {"columns": ["length"]}, "columns changes nothing in mjcf, only in csv"),
+        ("csv", {"rest": True}, "rest changes nothing in csv, only in ros"),
+        ("csv", {"cycles": 2}, "cycles changes nothing in csv, only in ros"),
+        ("urdf", {"step": 0.1, "whole_steps": True}, "whole_steps changes nothing in urdf"),
+        ("csv", {"step": 2.0}, "the step 2 gives one row only; write less than 1"),
+    ],
+)
+def test_options_without_effect_are_refused(
+    fast: Result, formats: Any, options: dict[str, Any], what: str, tmp_path: Path
+):
+    with pytest.raises(wo.ArgumentError, match=what):
+        wo.export(fast, formats, tmp_path, **options)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_limits_have_their_names_in_the_table(designed: Result, tmp_path: Path):
+    wo.export(designed, "csv", tmp_path / "a.csv")
+    text = (tmp_path / "a_limit.csv").read_text("utf-8").splitlines()
+    (head, *rows) = csv.reader(line for line in text if not line.startswith("#"))
+    assert head == ["limit [1]", "limit_elasticity [1]"]
+    assert [name for name, _ in rows] == designed.attributes["limits"]["name"]
+    assert [float(x) for _, x in rows] == designed["limit_elasticity"].values.tolist()
 
 
 def test_the_reference_of_a_tracked_worm_is_read_back(designed: Result, tmp_path: Path):

@@ -206,6 +206,13 @@ def test_the_dataset_opens_in_xarray(tmp_path: Path):
     assert float(rows[4]["speed"]) == pytest.approx(1.2 / 1.5)
 
 
+def test_points_that_go_along_no_key_are_counted(tmp_path: Path):
+    over = {"worm.load": [40, 50], "gait.period": [1.0, 1.5]}
+    data = small(over, method="zip", store=tmp_path).to_xarray()
+    assert data.point.values.tolist() == [0, 1]
+    assert float(data.speed.sel(point=1)) == pytest.approx(0.8)  # 1.2 per period
+
+
 def test_a_table_of_a_sweep_has_a_row_for_each_point(tmp_path: Path):
     found = grid()
     frame = found.to_dataframe()
@@ -251,26 +258,26 @@ def test_what_is_known_is_not_computed_again(tmp_path: Path):
     assert more.scalars["computed_now"].value == 1
     assert more["speed"].values.tolist()[:2] == one["speed"].values.tolist()[:2]
     assert set(computed(tmp_path).values()) == {1}
-    point = wo.Result.load(tmp_path / more.attributes["points"][2])
+    point = wo.Result.load(tmp_path / more.attributes["files"][2])
     assert (point.scene, point.kind) == ("fast_gait", "gait")
     assert "length" in point
 
 
 def test_scalars_alone_may_be_kept(tmp_path: Path):
     found = small({"worm.load": [40]}, store=tmp_path, keep="scalars")
-    point = wo.Result.load(tmp_path / found.attributes["points"][0])
+    point = wo.Result.load(tmp_path / found.attributes["files"][0])
     assert point.variables == ()
     assert point.scalars["speed"].value == found["speed"].values[0]
     whole = small({"worm.load": [40]}, store=tmp_path)
     assert whole.scalars["computed_now"].value == 1
     again = small({"worm.load": [40]}, store=tmp_path, keep="scalars")
     assert again.scalars["computed_now"].value == 0
-    assert "length" in wo.Result.load(tmp_path / again.attributes["points"][0])
+    assert "length" in wo.Result.load(tmp_path / again.attributes["files"][0])
 
 
 def test_a_damaged_point_is_computed_again(tmp_path: Path):
     found = small({"worm.load": [40]}, store=tmp_path)
-    file = tmp_path / found.attributes["points"][0]
+    file = tmp_path / found.attributes["files"][0]
     file.write_bytes(file.read_bytes()[:100])
     assert small({"worm.load": [40]}, store=tmp_path).scalars["computed_now"].value == 1
 

@@ -59,7 +59,7 @@ def make_sweep(folder: Path) -> Path:
                 {"key": "worm.load", "dim": "load", "values": LOADS},
                 {"key": "gait.elongation", "dim": "elongation", "values": ELONGATIONS},
             ],
-            "points": points,
+            "files": points,
             "reasons": reasons,
         },
     ).save(folder)

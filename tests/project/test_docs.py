@@ -10,12 +10,13 @@ import runpy
 from pathlib import Path
 
 import pytest
+from hints import Capture, Patch
 from places import ROOT
 
 import wormopt as wo
 from tests.benchmarks import CASES
 from tests.stress import GROUPS
-from wormopt.cli import parser
+from wormopt.cli import main, parser
 from wormopt.kinds import KINDS
 from wormopt.study.reference import page as page_of_kind
 
@@ -127,9 +128,34 @@ def test_every_equation_has_a_row_and_a_proof():
     assert {name for _, name in left_out} == about_ourselves
 
 
-def test_the_problem_of_the_readme_is_solved(capsys: pytest.CaptureFixture[str]):
+def test_the_problem_of_the_readme_is_solved(capsys: Capture):
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     programs = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     (program,) = (program for program in programs if "wo.Problem" in program)
     exec(compile(program, "README.md", "exec"), {"__name__": "page", "wo": wo})
     assert float(capsys.readouterr().out.split()[0]) == pytest.approx(1.5**0.5, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check", "design_fast_gait", "--set", "worm.lode=3"],
+        ["check", "nosuch"],
+        ["new", "gait_design"],
+        ["check", "design_fast_gait", "--set", "worm.mass=[1, 2]"],
+        ["check", "design_fast_gait", "--set", "gait.rate=100 mm/s"],
+        ["check", "design_fast_gait", "--set", "worm.slope=10"],
+        ["run", "design_fast_gait", "--set", "objective={minimise='peak_spike_load', speed=1.2}"],
+    ],
+)
+def test_errors_are_quoted_as_they_are_printed(
+    words: list[str], capsys: Capture, tmp_path: Path, monkeypatch: Patch
+):
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main(words)
+    except SystemExit as ended:
+        code = ended.code
+    assert code in (2, 3)
+    printed = capsys.readouterr().err.splitlines()
+    assert printed[-1] in (DOCS / "faq.md").read_text(encoding="utf-8").splitlines()

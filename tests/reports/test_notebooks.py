@@ -10,7 +10,7 @@ from report_pages import Whole
 import wormopt as wo
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
-from wormopt.shown import brief, line
+from wormopt.shown import brief, line, whole_lists
 from wormopt.systems.block.block import block
 
 HOSTILE = '<script>alert("λ")</script>\n\x1b[31m & </table>'
@@ -151,15 +151,28 @@ def test_a_design_is_drawn(things: dict[str, Any], picture: str):
         (True, "true"),
         ([None, 0.5], "[unknown, 0.5]"),
         ([[1], [2, 3]], "[[1], [2, 3]]"),
+        (["a, b", "c"], '["a, b", "c"]'),
+        (["a", "c"], "[a, c]"),
+        (
+            [[0, 1, 2, k] for k in range(9)],
+            "[[0, 1, 2, 0], [0, 1, 2, 1], [0, 1, 2, 2], …], 9 in all",
+        ),
         (list(range(100)), "[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, …], 100 in all"),
         ([[float(k), None] for k in range(100)], "100 × 2 entries, 0 to 99"),
-        (["x" * 100] * 2, "[, …], 2 in all"),
+        (["x" * 100] * 2, "[…], 2 in all"),
         ("a\nb" + "c" * 100, "a b" + "c" * 56 + "…"),
     ],
 )
 def test_values_in_short(value: Any, shown: str):
     assert brief(value) == shown
     assert len(shown) <= 60
+
+
+def test_lists_are_named_once_where_all_their_entries_are_named():
+    names = ["a.b", "c[0]", "c[1]", "d[0].low", "d[0].high", "d[1].low", "d[1].high"]
+    assert whole_lists(["c[1]", "a.b"], names) == ["c[1]", "a.b"]
+    given = ["a.b", "c[0]", "c[1]", "d[0].low", "d[1].low"]
+    assert whole_lists(given, names) == ["a.b", "c", "d.low"]
 
 
 def test_a_line_holds_no_control_characters():

@@ -308,8 +308,12 @@ def test_what_is_no_result_is_refused(given: str, says: str, tmp_path: Path, cap
 
 def test_where_no_page_can_be_is_refused(gait: Result, tmp_path: Path, capsys: Capture):
     gait.save(tmp_path)
-    for out, says in ((tmp_path, "is a folder"), (tmp_path / "result.nc" / "p", "cannot be")):
-        assert main(["report", str(tmp_path), "-o", str(out)]) == 2
+    for out, says in (
+        ("", "is a folder"),
+        ("result.nc/p.html", "cannot be"),
+        ("x.txt", "a report is an HTML page; write a name that ends in .html"),
+    ):
+        assert main(["report", str(tmp_path), "-o", str(tmp_path / out)]) == 2
         assert says in capsys.readouterr().err
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".wormopt")]
 

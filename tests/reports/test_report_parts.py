@@ -311,11 +311,11 @@ def test_a_large_sweep_stays_within_a_mail(tmp_path: Path):
 
 def test_points_are_read_from_the_folder_of_the_sweep_only(sweep: Path, tmp_path: Path):
     result = Result.load(sweep)
-    points = result.attributes["points"]
-    names = [f"../{sweep.name}/points/{name}" if name else None for name in points]
+    files = result.attributes["files"]
+    names = [f"../{sweep.name}/points/{name}" if name else None for name in files]
     inside = [file for file in grid_of(Source(result, folder=sweep)).files if file]
     assert len(inside) == 7
-    away = dataclasses.replace(result, attributes={**result.attributes, "points": names})
+    away = dataclasses.replace(result, attributes={**result.attributes, "files": names})
     folder = tmp_path / "elsewhere"
     folder.mkdir()
     assert not any(grid_of(Source(away, folder=folder)).files)

@@ -102,6 +102,12 @@ def test_any_dict_changes_a_scene_or_is_refused(changes: dict[str, Any]):
         (["run", "fast_gaits"], "did you mean fast_gait?"),
         (["run", "fast_gait", "--set", 'kind="gate"'], 'did you mean "gait"?'),
         (["run", "fast_gait", "--set", 'want=["motoin"]'], 'did you mean "motion"?'),
+        (["check", "fast_gait", "--set", "want=motion"], 'did you mean ["motion"]?'),
+        (["check", "fast_gait", "--set", "units=si"], 'did you mean "SI"?'),
+        (
+            ["check", "design_fast_gait", "--set", "objective.maximise=sped"],
+            '"sped" is not allowed; write "speed"\n',
+        ),
         (["run", "fast_gait", "--set", "worm.lod=3"], "worm.lod: unknown key; did you mean load?"),
         (["run", "fast_gait", "--set", "load=3"], "load: unknown key; did you mean worm.load?"),
         (["run", "fast_gait", "--set", "wrom.load=3"], "wrom: unknown key; did you mean worm?"),

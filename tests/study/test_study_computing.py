@@ -108,6 +108,27 @@ def test_values_are_found_by_their_names_in_results():
         study["reech"]
 
 
+def test_values_that_are_computed_together_are_attributes_too():
+    study: Any = pull()
+    assert study.last == 2.0
+    fresh: Any = pull()
+    before = CALLS.copy()
+    for name, hint in (("reech", "; did you mean 'reach'"), ("shape", "")):
+        with pytest.raises(AttributeError, match=f"has no '{name}'{hint}"):
+            getattr(fresh, name)
+    assert before == CALLS  # nothing is computed for a name that there is not
+
+
+def test_an_error_of_a_member_is_not_taken_for_a_missing_name():
+    class Broken(Pull, kind="toy-broken"):
+        @scalar("length", "what fails")
+        def fails(self) -> float:
+            return self.force.no_such_thing
+
+    with pytest.raises(AttributeError, match="no_such_thing"):
+        _ = Broken(spring={"length": 1}, force=1).fails
+
+
 def test_names_that_depend_on_the_study_are_found_in_the_groups_that_it_has():
     class Grouped(Study, kind="toy-grouped"):
         """A study of groups."""
@@ -168,9 +189,11 @@ def test_only_takes_names_of_scalars_variables_and_checks(
 
 @pytest.mark.parametrize("name", ["reech", "motion", "pulled", "far", "said", "", ".", "spring"])
 def test_only_refuses_names_that_results_never_have(name: str):
-    with pytest.raises(UnknownNameError, match="has no result"):
+    with pytest.raises(UnknownNameError, match="has no result") as refused:
         pull().only("reach", name)
     assert not CALLS
+    assert "'grid_error'" in str(refused.value)
+    assert "'forces'" not in str(refused.value)  # a name of the code, not of results
 
 
 def test_only_fails_where_a_check_that_was_asked_for_fails():

@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with _asked_to_end(), interruptible():
             options, stray = parser().parse_known_args(arguments)
             if stray:
-                options.parser.error(_stray(options, stray))
+                options.own.error(_stray(options, stray))
             return options.command(options)
     except SceneError as error:
         typed = getattr(options, "scene", "")  # name the file as the user wrote it
@@ -124,4 +124,6 @@ def parser() -> argparse.ArgumentParser:
     )
     for add in adding:
         add(commands)
+    for command in commands.choices.values():
+        command.set_defaults(own=command)
     return found

@@ -95,18 +95,20 @@ def add_verify(commands: Any) -> None:
         allow_abbrev=False,
     )
     command.set_defaults(command=_verify)
-    command.add_argument("file", metavar="FILE", help="certificate.json of a result")
+    command.add_argument("file", metavar="FILE", help="folder of a result, or its certificate.json")
 
 
 def _verify(options: argparse.Namespace) -> int:
     from wormopt.systems.spiked.certify.certificate import verify
 
-    found = verify(options.file)
+    file = Path(options.file)
+    file = file / "certificate.json" if file.is_dir() else file
+    found = verify(file)
     if not found.holds:
-        say(f"{options.file}: not verified: {found.reason}")
+        say(f"{file}: not verified: {found.reason}")
         return NOT_SOLVED
     print(
-        f"{options.file}: verified: no gait is faster than {found.bound} = "
+        f"{file}: verified: no gait is faster than {found.bound} = "
         f"{float(found.bound):.9g} ({found.inequalities} inequalities hold)"
     )
     return DONE
@@ -328,7 +330,7 @@ def add_export(commands: Any) -> None:
         metavar="N",
         type=int,
         default=1,
-        help="number of gait periods in --ros (default: %(default)s)",
+        help="number of cycles of the gait in --ros (default: %(default)s)",
     )
     command.add_argument(
         "--columns",
@@ -339,7 +341,7 @@ def add_export(commands: Any) -> None:
     command.add_argument(
         "--whole-steps",
         action="store_true",
-        help="slow the gait down in --csv so that its period is a whole number of steps",
+        help="slow the gait of --csv, --c and --ros down to a cycle of a whole number of steps",
     )
     command.add_argument(
         "--rest",

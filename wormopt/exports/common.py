@@ -132,8 +132,10 @@ def target(output: str | Path | None, name: str, suffixes: Sequence[str]) -> tup
     if path.is_dir() or not path.suffix:
         return path, _plain(name)
     if [path.suffix] != [*suffixes]:
-        ending = f"a name that ends in {suffixes[0]}, or " if len(suffixes) == 1 else ""
-        raise OutputError(f"{path}: write {ending}a folder with -o")
+        if len(suffixes) > 1:
+            what = f"one file cannot hold {len(suffixes)} formats; name a folder"
+            raise OutputError(f"{path}: {what}")
+        raise OutputError(f"{path}: write a name that ends in {suffixes[0]}, or a folder with -o")
     return path.parent, path.stem
 
 

@@ -134,7 +134,8 @@ def _text(remarks: Sequence[str], columns: Sequence[Column]) -> bytes:
     stream.write(_comments(remarks))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([f"{name} [{unit}]" for name, unit, _ in columns])
-    writer.writerows(zip(*([repr(v) for v in c.tolist()] for _, _, c in columns), strict=True))
+    rows = ([v if isinstance(v, str) else repr(v) for v in c.tolist()] for _, _, c in columns)
+    writer.writerows(zip(*rows, strict=True))
     return stream.getvalue().encode()
 
 
@@ -144,6 +145,9 @@ def _over_time(
     """Remarks and columns of the signals over time, at the result's own instants or at others."""
     own = result[axis].values.astype(float)
     at = own if step is None else times(step, own[0], own[-1])
+    if len(at) == 1 < len(own):
+        length = f"{own[-1] - own[0]:g} {result[axis].unit}".removesuffix(" 1")
+        raise ArgumentError(f"the step {step:g} gives one row only; write less than {length}")
     columns: list[Column] = [("time", result[axis].unit, at)]
     exact = _of_gait(result, axis)
     for variable in variables:
@@ -204,11 +208,12 @@ def _of_gait(result: Result, axis: str) -> dict[str, Gait]:
 
 
 def _long(result: Result, variables: Sequence[Variable]) -> Iterator[Column]:
-    """One row for each entry: its position, by coordinate or index, then the variables there."""
-    dims, shape = variables[0].dims, variables[0].values.shape
-    for place, dim in zip(np.indices(shape), dims, strict=True):
+    """One row for each entry: its coordinate, name or number, then the variables there."""
+    dims, shape, labels = variables[0].dims, variables[0].values.shape, result.labels
+    for place, dim, count in zip(np.indices(shape), dims, shape, strict=True):
         known = dim in result and result[dim].dims == (dim,)
-        values = result[dim].values[place] if known else place
+        values = np.array(labels[dim])[place] if len(labels.get(dim, ())) == count else place
+        values = result[dim].values[place] if known else values
         yield dim, result[dim].unit if known else "1", values.ravel()
     for variable in variables:
         if variable.name not in dims:

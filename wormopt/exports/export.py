@@ -28,6 +28,14 @@ SUFFIXES: dict[str, str] = {
     "mjcf": ".xml",
     "urdf": ".urdf",
 }
+# Formats that an option changes.
+_CHANGED_BY: dict[str, tuple[Format, ...]] = {
+    "step": ("csv", "ros", "mjcf", "urdf"),
+    "columns": ("csv",),
+    "whole_steps": ("csv", "c", "ros"),
+    "cycles": ("ros",),
+    "rest": ("ros",),
+}
 
 
 def export(
@@ -83,7 +91,8 @@ def export(
     Raises
     ------
     ArgumentError
-        If `what` cannot be written so, a number makes no sense, or an FMU cannot be compiled.
+        If `what` cannot be written so, a number makes no sense, an option changes none of the
+        formats, or an FMU cannot be compiled.
     SceneError
         If the model of a result cannot be built again.
     OutputError
@@ -107,7 +116,15 @@ def export(
     folder, stem = target(path, name, [SUFFIXES[each] for each in wanted])
     at = _number(step, what) if isinstance(step, str) else step
     if whole_steps and at is None:
-        raise ArgumentError("whole_steps needs a step; write step=0.01, say")
+        raise ArgumentError("whole_steps needs a step; write step=0.01 (--step 0.01), say")
+    given = {"columns": columns, "cycles": cycles != 1, "rest": rest, "whole_steps": whole_steps}
+    given["step"] = at is not None and not whole_steps
+    for option in (name for name, is_given in given.items() if is_given):
+        if not {*_CHANGED_BY[option]} & {*wanted}:
+            changed = ", ".join(_CHANGED_BY[option])
+            raise ArgumentError(
+                f"{option} changes nothing in {', '.join(wanted)}, only in {changed}; leave it out"
+            )
     asked = _Asked(at, cycles, tuple(columns), whole_steps, rest)
     files: dict[str, bytes] = {}
     for each in wanted:

@@ -79,7 +79,7 @@ def gathered(
             ],
             "numbers": [v.name for v in arrays if v.dims == asked.dims],
             "series": [v.name for v in arrays if v.dims[:-1] == asked.dims],
-            "points": [f"{p.key}.nc" if p.key and in_files else None for p in points],
+            "files": [f"{p.key}.nc" if p.key and in_files else None for p in points],
             "reasons": [point.reason for point in points],
             "lists": lists,
         },

@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from wormopt.errors import ArgumentError
+from wormopt.errors import ArgumentError, OutputError
 from wormopt.files import write_files
 from wormopt.kinds import KINDS
 from wormopt.reports import numbers, sweep
@@ -162,7 +162,7 @@ def report(
     results : Result, path, or sequence of these
         Results, folders of results or ``result.nc`` files. Several are compared side by side.
     path : path
-        The file to write; folders on the way are made.
+        The file to write, which ends in ".html"; folders on the way are made.
     title : str
         Title of the page; by default that of the one result.
     force : bool
@@ -173,7 +173,7 @@ def report(
     ArgumentError
         If there is no result, or one cannot be read, or they are too many for a page.
     OutputError
-        If the file is there already, or cannot be written.
+        If the file has another ending, is there already, or cannot be written.
 
     Examples
     --------
@@ -191,6 +191,8 @@ def report(
     if not given:
         raise ArgumentError("there is no result to report; give at least one")
     path = Path(path)
+    if path.suffix.lower() != ".html" and not path.is_dir():
+        raise OutputError(f"{path}: a report is an HTML page; write a name that ends in .html")
     page = compose([source_of(one) for one in given], title).encode("utf-8", errors="replace")
     if len(page) > LARGEST:
         raise ArgumentError(

@@ -130,8 +130,8 @@ def grid_of(source: Source) -> Grid:
     states = result["status"].values.ravel()
     count = len(states)
     reasons = result.attributes.get("reasons") or []
-    points = result.attributes.get("points") or []
-    files = [_file(source.folder, result.scene, name) for name in points]
+    names_of_files = result.attributes.get("files") or []
+    files = [_file(source.folder, result.scene, name) for name in names_of_files]
     return Grid(
         axes,
         dims == tuple(axis["dim"] for axis in given),

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
@@ -552,13 +552,23 @@ def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) 
         for index in indices:
             raw = raw[int(index)]
         path += "".join(f"[{index}]" for index in indices)
-        meant = get_close_matches(raw, _words_in(kind), n=1) if isinstance(raw, str) else []
-        hint = f"did you mean {_shown(meant[0])}? Else write" if meant else "write"
+        allowed = describe(kind)
+        meant = _meant(raw, _words_in(kind)) if isinstance(raw, str) else ""
+        hint = f"did you mean {meant}? Else write" if meant not in ("", allowed) else "write"
         if isinstance(raw, str) and has_unit(raw) and _holds_numbers(kind):
             faults.append((path, f"{_shown(raw)} has a unit, not taken here; {bare_number(raw)}"))
             return None
-        faults.append((path, f"{_shown(raw)} is not allowed; {hint} {describe(kind)}"))
+        faults.append((path, f"{_shown(raw)} is not allowed; {hint} {allowed}"))
         return None
+
+
+def _meant(raw: str, words: Iterable[str]) -> str:
+    """Suggest one of some words, in any letter case, or a list of the word itself; "" for none."""
+    folded = {word.casefold(): word for word in words}
+    if raw in folded.values():
+        return f"[{_shown(raw)}]"
+    close = get_close_matches(raw.casefold(), folded, n=1)
+    return _shown(folded[close[0]]) if close else ""
 
 
 def _chosen(

@@ -197,7 +197,9 @@ def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[Study, Swe
     swept = None if sweep is None else read_value(sweep, Swept, "sweep", "", faults)
     before = FOLDER.set(folder)
     try:
-        table = read_table(raw, KINDS[kind].load(), "", raw.get("units", ""), faults)
+        units = raw.get("units", "")  # wrong ones are one fault, not one of each number with a unit
+        units = units if units in ("", "dimensionless") else "SI"
+        table = read_table(raw, KINDS[kind].load(), "", units, faults)
     finally:
         FOLDER.reset(before)
     if "schema" not in raw and ("schema", _NO_SCHEMA) not in faults:

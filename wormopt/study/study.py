@@ -9,10 +9,11 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Literal, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Self, TypeVar, cast
 
 import msgspec
 from msgspec import NODEFAULT, Struct, structs
@@ -261,7 +262,8 @@ class Study(Given):
         asked = [name.replace(" ", "_") for name in names]  # names of checks have spaces
         members = self.members.values()
         if unknown := [name for name in asked if not any(m.asked_by([name]) for m in members)]:
-            known = dict.fromkeys(name for member in members for name in member.names)
+            checks = [m.names[0] for m in members if m.role == "check" and not m.several]
+            known = dict.fromkeys([*self.scalars, *self.variables, *checks])
             open_ = [m for m in members if m.several and m.names and not m.declared]
             groups = ", ".join(repr(member.name) for member in open_)
             hint = f"write {groups} for names that depend on the scene" if groups else ""
@@ -281,7 +283,21 @@ class Study(Given):
                 if name in (found := getattr(self, member.name)):
                     return _bare(found[name])
         known = [*self.scalars, *self.variables]
+        if name in known:
+            raise AbsentError(f"this study has no {name}")
         raise UnknownNameError(f"a study of kind {self.kind}", "result", [name], known)
+
+    if not TYPE_CHECKING:  # type checkers know members, and refuse other names
+
+        def __getattr__(self, name: str) -> Any:
+            """Value of a scalar or variable that is computed together with others."""
+            if hasattr(type(self), name):  # its own AttributeError
+                return object.__getattribute__(self, name)
+            if name in (reported := {**self.scalars, **self.variables}):
+                return self[name]
+            close = get_close_matches(name, {**reported, **self.members}, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            raise AttributeError(f"a study of kind {self.kind} has no {name!r}{hint}")
 
     def _reported(self, names: Names, report: Report | None) -> Result:
         before = self._progress.report

@@ -123,6 +123,10 @@ def test_the_command_verifies_a_file(tmp_path, capsys: pytest.CaptureFixture[str
     assert "not verified: dW/dt" in capsys.readouterr().err
     assert main(["verify", str(none)]) == 2
     assert "none.json: No such file" in capsys.readouterr().err
+    assert main(["verify", str(tmp_path)]) == 2
+    assert "certificate.json: No such file" in capsys.readouterr().err
+    good.rename(tmp_path / "certificate.json")
+    assert main(["verify", str(tmp_path)]) == 0
 
 
 def test_strokes_are_rounded_up_from_what_is_proven():

@@ -272,5 +272,7 @@ def test_an_objective_may_be_given_as_one():
     assert Objective.of(Objective()) == Objective.of("speed")
     with pytest.raises(ArgumentError, match="remove one of them"):
         design(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.75), 0.5)
+    with pytest.raises(ArgumentError, match="speed is given, but the mean speed is maximised"):
+        design(G1_WORM, G1_LIMITS, speed=0.5)
     with pytest.raises(ArgumentError, match="objective must be one of 'speed', 'peak_spike_load',"):
         Objective.of("spede")  # type: ignore[arg-type]

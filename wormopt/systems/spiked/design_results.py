@@ -202,10 +202,11 @@ def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:
 def _warnings(found: Design, effort: Effort) -> Iterator[str]:
     if effort == "quick":
         yield 'search.effort = "quick" tries few sequences; write "normal" or "thorough"'
-    if not found.error <= 1e-6:
-        known = np.isfinite(found.error)
-        size = f"by {found.error:.1g} of its value" if known else "by an unknown share"
-        yield f"the last halving of the arcs still changed the objective {size}"
+    if not np.isfinite(found.error):
+        yield "the arcs were not halved, so the discretisation error is unknown"
+    elif found.error > 1e-6:
+        size = f"{found.error:.1g} of its value"
+        yield f"the last halving of the arcs still changed the objective by {size}"
     if found.ended not in DONE:
         yield f"the search ended early ({found.ended}): a longer search may find a better gait"
 

@@ -239,14 +239,20 @@ class Objective(Given, kw_only=False):
         Raises
         ------
         ArgumentError
-            If `what` is no objective, or is an Objective and `speed` is given too.
+            If `what` is no objective, or `speed` is given and it has no place for one.
         """
-        if not isinstance(what, Objective):
-            check_choice("objective", what, ("speed", *get_args(Cost)))
-            return cls(None if what == "speed" else what, speed)
-        if speed is not None:
+        if isinstance(what, Objective):
+            if speed is None:
+                return what
             raise ArgumentError("speed is given, but the objective has its own; remove one of them")
-        return what
+        costs = get_args(Cost)
+        check_choice("objective", what, ("speed", *costs))
+        if what == "speed" and speed is not None:
+            raise ArgumentError(
+                "speed is given, but the mean speed is maximised; leave it out, or minimise a cost "
+                f'at this speed: objective="{costs[0]}", say'
+            )
+        return cls(None if what == "speed" else what, speed)
 
     @property
     def is_smooth(self) -> bool:

@@ -33,6 +33,7 @@ from wormopt.pictures.style import (
     stretches,
 )
 from wormopt.result import Result
+from wormopt.shown import whole_lists
 
 CYCLES = 2  # cycles shown of a motion
 CENTRED: dict[str, Any] = {"ha": "center", "va": "center_baseline", "weight": "bold"}
@@ -219,7 +220,7 @@ def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> 
     notes = []
     for text, is_zero in (("no influence", False), ("not shown because they are 0", True)):
         names = [known["name"][k] for k in idle if (known["value"][k] == 0) == is_zero]
-        notes += [f"{text}: {', '.join(names)}"] if names else []
+        notes += [f"{text}: {', '.join(whole_lists(names, known['name']))}"] if names else []
     notes += [f"{hidden} shorter bars not shown"] if hidden else []
     if any(known["one_sided"]):
         notes.append("* sensitivity to relaxing; that to tightening differs")
