@@ -628,7 +628,7 @@ def test_what_is_done_is_kept_where_no_schedule_passes_or_the_user_stops(tmp_pat
     assert refused.value.partial.scalars["shifts"].value == 2
 
     def stop(what: str, _: float | None) -> None:
-        if what == "finer chain":
+        if what == "fixed":
             raise KeyboardInterrupt
 
     scene.write_text(TEXT.replace("goal = 270.0", "goal = 12.0"), encoding="utf-8")
