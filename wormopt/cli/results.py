@@ -101,14 +101,12 @@ def add_verify(commands: Any) -> None:
 def _verify(options: argparse.Namespace) -> int:
     from wormopt.systems.spiked.certify.certificate import verify
 
-    file = Path(options.file)
-    file = file / "certificate.json" if file.is_dir() else file
-    found = verify(file)
+    found = verify(options.file)
     if not found.holds:
-        say(f"{file}: not verified: {found.reason}")
+        say(f"{options.file}: not verified: {found.reason}")
         return NOT_SOLVED
     print(
-        f"{file}: verified: no gait is faster than {found.bound} = "
+        f"{options.file}: verified: no gait is faster than {found.bound} = "
         f"{float(found.bound):.9g} ({found.inequalities} inequalities hold)"
     )
     return DONE

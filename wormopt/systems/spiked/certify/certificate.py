@@ -128,7 +128,8 @@ def verify(certificate: Certificate | str | os.PathLike[str]) -> Verification:
     Parameters
     ----------
     certificate : Certificate or path
-        A certificate, or its file.
+        A certificate, its file, or the folder of a result, which holds it as
+        ``certificate.json``.
 
     Returns
     -------
@@ -152,9 +153,11 @@ def verify(certificate: Certificate | str | os.PathLike[str]) -> Verification:
     if isinstance(certificate, Certificate):
         name, text = "certificate", certificate.text
     else:
-        name = os.fspath(certificate)
+        file = Path(certificate)
+        file = file / "certificate.json" if file.is_dir() else file
+        name = os.fspath(file)
         try:
-            text = Path(certificate).read_text(encoding="utf-8")
+            text = file.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             why = error.strerror if isinstance(error, OSError) else "not a text"
             raise ArgumentError(f"{name}: {why}; give the file of a certificate") from None
