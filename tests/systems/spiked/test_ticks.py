@@ -225,7 +225,7 @@ def test_exported_lengths_are_multiples_of_a_step(tmp_path: Path):
     gait = gait_of_result(result)
     assert np.abs(rows[:, 1] - gait(rows[:, 0])[0]).max() <= 0.05 / 2 + 1e-12
     assert rows[0, 1] == rows[-1, 1]
-    for name, kind, columns in (("b.csv", "csv", ["length"]), ("c.yaml", "ros", None)):
+    for name, kind, columns in (("b.csv", "csv", ["length"]), ("c.yaml", "ros", [])):
         (file,) = wo.export(result, kind, tmp_path / name, step=0.03, columns=columns)
         found = re.findall(r"(?:^[\d.]+,|positions: \[)([\d.]+)", file.read_text("utf-8"), re.M)
         assert [float(one) for one in found] == rows[:, 1].tolist()
