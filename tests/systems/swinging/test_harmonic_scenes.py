@@ -287,7 +287,7 @@ def test_masses_that_friction_stops_at_once_end_too():
 
 @pytest.mark.parametrize("backward", [2e-4, 2e-6])
 def test_masses_that_all_but_cease_to_reverse_are_where_averages_bend(backward: float):
-    """Second order falls short there; that is told, not held against the motion."""
+    """Second order is not accurate there: a warning says so, and the motion is accepted."""
     result = solved(f"worm.friction={{kind='coulomb', forward=0.006, backward={backward}}}")
     assert result.status == "ok"
     share = 0.006 / (0.006 + backward)
