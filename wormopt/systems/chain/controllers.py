@@ -24,9 +24,9 @@ with on_use():
     import casadi as ca
     import numpy as np
 
+    from wormopt.control.hardware import NOISE, band_limited, through_hardware
     from wormopt.control.loop import Reference, gait_reference
     from wormopt.control.lqr import lqr
-    from wormopt.control.sensing import NOISE, Sensors, band_limited, through_sensors
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model, Switch, pack
     from wormopt.numerics.collocation import Collocation
@@ -231,7 +231,7 @@ class Measurement(Given):
         """Closed loop of a plant whose controller has these measurements."""
         links = plant["length"].numel()
         noise = self.noise_of(0, end, links) if self.noise else None
-        return through_sensors(plant, loop, Sensors(noise, self.delay))
+        return through_hardware(plant, loop, noise=noise, delay=self.delay)
 
 
 @dataclass(frozen=True, eq=False)
