@@ -46,8 +46,8 @@ def stages(kind: str) -> list[str]:
     return [member.name for member in members if member.role == "stage"]
 
 
-KEPT: dict[tuple[str, str], Any] = {}
-"""What stages gave, by kind and name: each is computed once."""
+KEPT: dict[tuple[str, str], list[tuple[Any, Any]]] = {}
+"""Studies and what their stages gave, by kind and name: each is computed once."""
 FAILING = {
     "fails": SolveError("it was made to fail", "nothing helps"),
     "hands over what is no part": SolveError("it was made to fail", partial=object()),
@@ -68,9 +68,12 @@ def study(kind: str, monkeypatch: pytest.MonkeyPatch) -> type[Study]:
 
 def once(kind: str, name: str, compute: Callable[[Any], Any]) -> Callable[[Any], Any]:
     def kept(study: Any) -> Any:
-        if (kind, name) not in KEPT:
-            KEPT[kind, name] = compute(study)
-        return KEPT[kind, name]
+        known = KEPT.setdefault((kind, name), [])
+        for other, value in known:  # a study may vary itself, for a check on a finer grid
+            if other == study:
+                return value
+        known.append((study, compute(study)))
+        return known[-1][1]
 
     return kept
 
