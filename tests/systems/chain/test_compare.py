@@ -114,7 +114,7 @@ def test_seven_rivals_have_numbers_intervals_a_table_and_pictures(found: wo.Resu
         )
     assert np.abs(found["input"].values).max() == pytest.approx(3.0)
     assert all(f"| {name} |" in found.attributes["table"] for name in names)
-    assert "distance" not in found.attributes["table"]
+    assert "| distance |" not in found.attributes["table"]
     # the open loop has its own push, whatever the plant does
     np.testing.assert_allclose(found["input"].values[0, 6, :, 1:], 0.5, atol=1e-12)
 
@@ -167,6 +167,62 @@ def scene(folder: Path, text: str, *changes: str, own: str = OWN) -> wo.Scene:
     (folder / "plant.py").write_text(own, encoding="utf-8")
     (folder / "own.toml").write_text(text, encoding="utf-8")
     return wo.load_scene(folder / "own.toml", list(changes))
+
+
+TRACK = (
+    f"kind = 'track'{MODEL}"
+    """
+[reference]
+gait = { shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }
+[[tracker]]
+feedback = "derivative"
+tube_radius = 0.1
+growth = 30.0
+[[tracker]]
+feedback = "filter"
+tube_radius = 0.1
+growth = 30.0
+filter_start = 0.0
+[time]
+end = 2.0
+samples = 101
+"""
+)
+
+
+def test_an_own_plant_is_tracked(tmp_path: Path):
+    result = wo.run(scene(tmp_path, TRACK, "want=['trackers']", 'units="SI"'))
+    assert result.status == "ok", result.reason
+    plant = cart()
+    aim = wo.gait_reference(wo.travelling_sine(1, 2.0, 0.0, 0.3, 0.0), plant.t)
+    for k, feedback in enumerate(("derivative", "filter")):
+        loop = wo.lambda_tracker(
+            plant, aim, tube_radius=RADIUS, adaptation=wo.Quadratic(30.0), filter_start=0.0,
+            feedback=feedback, output="place", input="push",
+        )  # fmt: skip
+        motion = wo.simulate(loop, 2.0, times=np.linspace(0.0, 2.0, 101))
+        for name, own in (("length", "place"), ("w", "w"), ("gain", "gain"), ("input", "push")):
+            values = result[name].values[k].reshape(101)
+            np.testing.assert_allclose(values, motion[own][0], rtol=1e-7, atol=1e-9)
+    assert result["w"].dims == ("tracker", "time")
+    assert result["place"].unit == "m"
+    assert "distance" not in result
+    assert result.plot("trackers").axes
+
+
+def test_results_of_an_own_plant_have_its_units(tmp_path: Path):
+    turned = OWN.replace('"length", value=0.1', '"angle", value=0.1').replace('"force"', '"torque"')
+    text = (
+        TRACK.replace("[[tracker]]", "[tracker]", 1).split("[[tracker]]")[0] + "[time]\nend = 0.1"
+    )
+    result = wo.run(scene(tmp_path, text, 'units="SI"', own=turned))
+    assert result["error_norm"].unit == "rad"
+    assert result["input"].unit == "N m"
+    assert result["input_rms"].unit == "N m"
+    compared = wo.run(scene(tmp_path, COMPARE, 'units="SI"', "time.end=0.6", own=turned))
+    assert compared["error_integral"].unit == "rad2 s"
+    assert compared["input_integral"].unit == "N2 m2 s"
+    assert compared["work"].unit == "N m rad"
 
 
 def test_a_scene_compares_as_python_does(found: wo.Result, tmp_path: Path):
