@@ -322,7 +322,8 @@ class FitDesign(DesignTable, kind="fit-design"):
         covariance[np.ix_(at, at)] = fitted.covariance
         freedom = fitted.task.count - len(at) if fitted.estimated else np.inf
         mass = tuple(numbers[:-2].tolist())
-        return Believed(mass, float(numbers[-2]), float(numbers[-1]), covariance, freedom)
+        drag, load = numbers[-2:].tolist()
+        return Believed.of_one_load(mass, drag, load, covariance, freedom)
 
     @parts(Estimates)
     def estimates(self) -> Estimates:
@@ -427,7 +428,7 @@ class FitDesign(DesignTable, kind="fit-design"):
             plant_best=best.speed,
             plant_share=motion.speed / best.speed,
             plant_distance=self.believed.distance(
-                np.array([*plant.masses, plant.drag, plant.load_range[0]])
+                np.array([*plant.masses, plant.drag, *[plant.load_range[0]] * len(plant.masses)])
             ),
             plant_time=motion.time,
             plant_load=motion["reaction"].max(axis=0),
@@ -502,7 +503,7 @@ class FitDesign(DesignTable, kind="fit-design"):
 
 def estimates_of(fitted: Fit, believed: Believed) -> Estimates:
     """Collect estimates, and recorded and fitted actuator forces."""
-    errors = np.sqrt(np.diag(believed.covariance))
+    errors, masses = np.sqrt(np.diag(believed.spread)), len(believed.mass)
     runs, motions = fitted.task.runs, fitted.task.motions(fitted.theta)
     forces = [motion["actuator_force"] for motion in motions]
     read = [
@@ -512,10 +513,10 @@ def estimates_of(fitted: Fit, believed: Believed) -> Estimates:
     of_run = [np.full(len(run.times), k, dtype=np.int32) for k, run in enumerate(runs)]
     return Estimates(
         mass_found=list(believed.mass),
-        mass_error=errors[:-2].tolist(),
+        mass_error=errors[:masses].tolist(),
         drag_found=believed.drag,
-        drag_error=float(errors[-2]),
-        load_found=believed.load,
+        drag_error=float(errors[masses]),
+        load_found=believed.load[0],
         load_error=float(errors[-1]),
         n_readings=fitted.task.count,
         reading_time=np.concatenate([run.times for run in runs]),
