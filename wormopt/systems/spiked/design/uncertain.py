@@ -51,6 +51,7 @@ class Believed:
     covariance: np.ndarray
     freedom: float = math.inf  # readings minus estimated parameters; inf if the noise is known
     grip: tuple[float, ...] = ()  # largest load of each resting mass, if it was fitted
+    beside: np.ndarray | None = None  # slopes (any, k) of other parameters in the same ellipsoid
 
     def __post_init__(self) -> None:
         size, k = len(self.numbers), len(self.covariance)
@@ -104,7 +105,7 @@ class Believed:
 
     @property
     def _counts(self) -> np.ndarray:
-        """Which coordinates matter."""
+        """Which coordinates the numbers depend on."""
         return np.any(self.slopes != 0, axis=0)
 
     @property
@@ -119,7 +120,8 @@ class Believed:
 
         By Scheffé's method: with this confidence, no linear combination is off by more.
         """
-        found = int(np.count_nonzero(self._counts))
+        beside = False if self.beside is None else np.any(self.beside != 0, axis=0)
+        found = int(np.count_nonzero(self._counts | beside))
         freedom = min(self.freedom, 1e9)
         return math.sqrt(found * float(fdtri(found, freedom, confidence))) if found else 0.0
 
