@@ -347,7 +347,7 @@ def test_several_formats_at_once(saved: Path, tmp_path: Path, capsys: Capture, m
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["result"], "--csv, --mat, --c, --ros, --mjcf, --urdf, --fmu"),
+        (["result"], "--csv, --mat, --c, --arduino, --ros, --mjcf, --urdf, --fmu"),
         (["nothing", "--csv"], "nothing"),
         (["mine.txt", "--csv"], "no result of wormopt"),
         (["result", "--fmu"], "kind simulate or track"),
@@ -456,7 +456,7 @@ def test_a_result_of_a_strange_name_stays_in_the_folder(fast: Result, tmp_path: 
 
 def test_only_known_formats(fast: Result, tmp_path: Path):
     for formats in ("docx", [], ["csv", "exe"]):
-        with pytest.raises(wo.ArgumentError, match="formats are csv, mat, c, ros, fmu"):
+        with pytest.raises(wo.ArgumentError, match="formats are csv, mat, c, arduino, ros, fmu"):
             wo.export(fast, formats, tmp_path)  # type: ignore[arg-type]
     for what, into in ((rough(), "csv"), (rough(), "fmu"), (swing(), "c"), (swing(), "mat")):
         with pytest.raises(wo.ArgumentError, match="takes a Result"):

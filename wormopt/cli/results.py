@@ -287,6 +287,7 @@ _FORMATS = {
     "csv": "write CSV tables, the signals over time first",
     "mat": "write a MATLAB file with the whole result",
     "c": "write C99 source that evaluates the gait exactly, with a test program",
+    "arduino": "write an Arduino sketch that plays the gait on servos, in single precision",
     "ros": "write the gait as a ROS message trajectory_msgs/JointTrajectory, in YAML",
     "mjcf": "write the worm for MuJoCo, with keyframes of its gait",
     "urdf": "write the worm as URDF, with a CSV table of its joints",
@@ -298,7 +299,7 @@ def add_export(commands: Any) -> None:
     """Add the command to a parser's."""
     command = commands.add_parser(
         "export",
-        help="export a saved result to CSV, MATLAB, C, ROS, MuJoCo, URDF or FMI",
+        help="export a saved result to CSV, MATLAB, C, Arduino, ROS, MuJoCo, URDF or FMI",
         description="Export a saved result in one or more formats. If one file cannot be "
         "written, none is.",
         allow_abbrev=False,
@@ -339,7 +340,7 @@ def add_export(commands: Any) -> None:
     command.add_argument(
         "--whole-steps",
         action="store_true",
-        help="slow the gait of --csv, --c and --ros down to a cycle of a whole number of steps",
+        help="slow the gait of --csv, --c, --arduino and --ros down to a cycle of whole steps",
     )
     command.add_argument(
         "--rest",

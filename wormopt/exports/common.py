@@ -70,8 +70,8 @@ class ExportedGait:
         if "gait_polynomial" not in result or result["gait_polynomial"].dims[1] != "link":
             held = "gait, gait-design, gait-pareto, stepper, track, track-optimal or pair-waveform"
             raise ArgumentError(
-                f"{result.scene}: a result of kind {result.kind} holds no gait, which C and ROS "
-                f"need; take one of kind {held}, or export to csv or mat"
+                f"{result.scene}: a result of kind {result.kind} holds no gait, which C, Arduino "
+                f"and ROS need; take one of kind {held}, or export to csv or mat"
             )
         rounded: dict[str, Any] = {}
         if "length_step" in result.scalars:
