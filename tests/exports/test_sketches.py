@@ -117,8 +117,8 @@ def test_the_sketch_plays_the_gait_on_its_servos(walk: Result, tmp_path: Path):
     gait = gait_in(walk)
     wo.export(walk, "arduino", tmp_path / "walk.ino")
     library = built(tmp_path / "walk", "walk")
-    library.passed = library["pass"]
-    library.passed.restype = ctypes.POINTER(ctypes.c_int)
+    played = library["pass"]
+    played.restype = ctypes.POINTER(ctypes.c_int)
     lengths = gait(np.linspace(0.0, gait.period, 20001))
     low, high = lengths.min(axis=1), lengths.max(axis=1)
     fastest = np.abs(gait(np.linspace(0.0, gait.period, 20001), 1)).max(axis=1)
@@ -127,7 +127,7 @@ def test_the_sketch_plays_the_gait_on_its_servos(walk: Result, tmp_path: Path):
     for step in np.random.default_rng(2).integers(1_000, 30_000, 300).tolist():
         time += step
         shown = time if time - shown >= 20_000 else shown  # a pulse every 20 ms
-        pulses = np.array(library.passed(step)[: gait.links])
+        pulses = np.array(played(step)[: gait.links])
         wanted = 1000 + 1000 * (gait(np.array([shown * 1e-6]))[:, 0] - low) / (high - low)
         # half a microsecond of the pulse, and half of one of the cycle in each round
         rounds = 1 + time * 1e-6 / gait.period
