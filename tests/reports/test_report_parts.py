@@ -315,6 +315,10 @@ def test_points_are_read_from_the_folder_of_the_sweep_only(sweep: Path, tmp_path
     names = [f"../{sweep.name}/points/{name}" if name else None for name in files]
     inside = [file for file in grid_of(Source(result, folder=sweep)).files if file]
     assert len(inside) == 7
+    before = {**result.attributes, "points": files}  # as earlier builds named it
+    del before["files"]
+    earlier = dataclasses.replace(result, attributes=before)
+    assert [f for f in grid_of(Source(earlier, folder=sweep)).files if f] == inside
     away = dataclasses.replace(result, attributes={**result.attributes, "files": names})
     folder = tmp_path / "elsewhere"
     folder.mkdir()

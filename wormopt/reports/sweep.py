@@ -130,7 +130,8 @@ def grid_of(source: Source) -> Grid:
     states = result["status"].values.ravel()
     count = len(states)
     reasons = result.attributes.get("reasons") or []
-    names_of_files = result.attributes.get("files") or []
+    # "points" in sweeps saved by earlier builds
+    names_of_files = result.attributes.get("files") or result.attributes.get("points") or []
     files = [_file(source.folder, result.scene, name) for name in names_of_files]
     return Grid(
         axes,
