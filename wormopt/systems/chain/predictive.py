@@ -8,7 +8,7 @@ from typing import Literal
 
 from wormopt.errors import Fault, SolveError
 from wormopt.study import Given, entry, number, on_use, positive, whole
-from wormopt.study.types import Seed
+from wormopt.study.types import Seed, Title
 from wormopt.systems.chain.tables import ChainTable, LeastError, Tube
 
 with on_use():
@@ -25,7 +25,8 @@ with on_use():
     from wormopt.ocp.mesh import Mesh
     from wormopt.ocp.motion import Guess
     from wormopt.simulation.options import Tolerance
-    from wormopt.systems.chain.copies import Draw
+    from wormopt.systems.chain.copies import Draw, drawn_plants
+    from wormopt.systems.chain.measured import is_chain
     from wormopt.systems.chain.optimal_tracking import followed_by_lqr, tracking_problem
 
 Estimated = Literal["mass", "stiffness", "damping", "friction_forward", "friction_backward"]
@@ -45,13 +46,24 @@ class DrawnPlants(Given):
     """
 
     members: int = whole(1, 1000, "number of drawn plants")
-    spread: float = number(
-        "share",
-        "every mass, stiffness, damping and friction force is drawn within ± this share",
-        least=0,
-        below=1,
+    spread: float = number("share", "parameters are drawn within ± this share", least=0, below=1)
+    parameters: tuple[Title, ...] | None = entry(
+        "parameters that are drawn; default: every mass, stiffness, damping and friction force of "
+        "a chain, every parameter of the Model of a plant of your own",
+        default=None,
     )
     seed: Seed = entry("seed of the drawn plants", default=0)
+
+    def of(self, plant: Model) -> list[Draw]:
+        """Draw the parameters of plants around those of this one.
+
+        Raises ArgumentError if it lacks one of `parameters`.
+        """
+        names = self.parameters
+        if names is None and not is_chain(plant):
+            names = tuple(s.name for s in plant.p if s.value is not None)
+        spread = self.spread if names is None else dict.fromkeys(names, self.spread)
+        return drawn_plants(plant, spread, self.seed, self.members)
 
 
 def faults_of_nominal(worm: ChainTable, drawn: str) -> Iterator[Fault]:
