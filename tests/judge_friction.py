@@ -53,10 +53,10 @@ def draw(seed: int) -> Drawn:
     """Draw a worm of one or two links."""
     rng = np.random.default_rng([63, seed])
     links = 1 + seed % 2
-    forward = rng.uniform(0.15, 0.4)
+    forward = rng.uniform(0.15, 0.4)  # backward, more than what moves forward at the same time
     return Drawn(
         links, rng.uniform(0.15, 0.3, links + 1), rng.uniform(30.0, 60.0), rng.uniform(0.3, 0.8),
-        forward, forward * rng.uniform(2.0, 5.0), rng.uniform(0.1, 0.5) * (seed % 4 > 1),
+        forward, forward * rng.uniform(3.0, 6.0), rng.uniform(0.1, 0.5) * (seed % 4 > 1),
         seed % 4 > 1,
     )  # fmt: skip
 
@@ -149,7 +149,7 @@ def judge(seed: int, folder: Path, **changes: Any) -> dict[str, Any]:
     return {
         "seed": seed, "links": worm.links, "pushed": worm.pushed, "status": result.status,
         "off": errors, "relative": number["forward_error"] / worm.forward,
-        "width": number["load_width"] / worm.forward,
+        "widths": [w / worm.forward for w in number["load_width"]],
         "speed": mine.speed, "told": number["speed"], "best": own.speed, "best_told": best.speed,
         "excess": excess(worm, mine), "cpu": time.process_time() - begun,
     }  # fmt: skip
