@@ -206,7 +206,7 @@ def judge_design(seed: int) -> dict[str, Any]:
         "cpu": spent,
         "distance": believed.distance(np.array([*mass, drag, load, load, load])),
         "reach": robust.reach,
-        "width": robust.width,
+        "widths": robust.widths,
         "spike_load": float(motion.extremes("reaction")[1].max()),
         "spike_load_bold": float(bold.extremes("reaction")[1].max()),
         "glides": [len(motion.glides), len(bold.glides)],

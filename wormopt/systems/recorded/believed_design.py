@@ -176,13 +176,14 @@ class BelievedDesign(Study):
     def reach(self) -> float:
         return self.design.reach
 
-    @scalar("force", "half the range of loads for which the gait is designed", when="converged")
-    def load_width(self) -> float:
-        return self.design.width
-
-    @scalar("force", "half range equivalent to the worst parameter errors", when="converged")
-    def load_width_needed(self) -> float:
-        return self.design.needed
+    @scalar(
+        "force",
+        "how far the range of loads for which the gait is designed reaches below and above the "
+        "estimate",
+        when="converged",
+    )
+    def load_width(self) -> list[float]:
+        return list(self.design.widths)
 
     @scalar("speed", "speed of the optimal gait if the estimates were exact", when="converged")
     def speed_if_known(self) -> float:

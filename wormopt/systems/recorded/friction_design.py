@@ -353,7 +353,7 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
             tuple(mass.tolist()), float(drag[0]), tuple(load.tolist()),
             np.zeros((3 * len(mass) + 1, 0)), no, grip=tuple(grip.tolist()),
         )  # fmt: skip
-        return true.worm(0.0)
+        return true.worm()
 
     @property
     def plant_limits(self) -> Limits:

@@ -1,9 +1,9 @@
 """Gaits for a worm with measured parameters: limits hold for all parameters in an ellipsoid.
 
 Without gliding, spike loads, actuator forces and sigma are linear in masses, drag and loads. The
-worst case over a confidence ellipsoid is therefore closed form at every time. A range of loads of
-some half width affects every limit at least as much. The gait is designed for such a range; the
-needed width follows from the gait, and both are iterated until they agree.
+worst case over a confidence ellipsoid is therefore closed form at every time. The gait is designed
+for a range of loads. Where its worst case still exceeds a limit, the range is widened to have the
+same effect there, and the gait is designed anew.
 
 A worm on dry ground is such a worm too, as long as some mass rests and none moves backward: the
 sliding friction forward is a load on every mass, resting or not, and a resting mass then carries at
@@ -13,6 +13,7 @@ most the sum of its friction forward and backward.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,9 +32,12 @@ from wormopt.systems.spiked.stretches import Drive, Stretch
 
 Burden = Literal["total", "actuators", "grip"]
 # Sampling points of a stretch (cosines); factor for values in between.
-_INSTANTS, _BETWEEN = 33, 1.01
+_INSTANTS, _BETWEEN = 129, 1.01
 # Largest number of designs until the range is wide enough; each range is wider by this factor.
-_ROUNDS, _WIDER = 8, 1.05
+_ROUNDS, _WIDER = 12, 1.05
+
+Widths = tuple[float, float]
+"""How far a range of loads reaches below and above the estimate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +135,10 @@ class Believed:
         off = np.linalg.lstsq(self.slopes[:, known], np.asarray(numbers) - self.numbers)[0]
         return math.sqrt(off @ np.linalg.solve(self.covariance[np.ix_(known, known)], off))
 
-    def worm(self, width: float) -> Worm:
-        """Worm with a range of loads of this half width; no load is below 0."""
+    def worm(self, widths: Widths = (0.0, 0.0)) -> Worm:
+        """Worm with a range of loads of these widths; no load is below 0."""
         least = min(self.load)
-        load = (max(0.0, least - width), least + width) if width else least
+        load = (max(0.0, least - widths[0]), least + widths[1]) if any(widths) else least
         beyond = tuple(each - least for each in self.load)
         return Worm(
             len(self.mass) - 1, self.mass, self.drag, load, pull=beyond if any(beyond) else None
@@ -147,8 +151,7 @@ class Robust:
 
     design: Design
     nominal: Design  # the optimal gait if the estimates were exact
-    width: float  # half the range of loads of the design
-    needed: float  # half range that its own worst case needs
+    widths: Widths  # of the range of loads of the design
     reach: float  # radius of the ellipsoid in standard deviations
     rounds: int  # number of designs
 
@@ -170,48 +173,71 @@ def design_believed(
     _check(believed, limits, confidence)
     if believed.grip:
         limits = structs.replace(limits, spike_load=believed.grip)
-    nominal = designed(GaitProblem(believed.worm(0.0), limits, objective), search, report)
+    nominal = designed(GaitProblem(believed.worm(), limits, objective), search, report)
     quick = structs.replace(search, sequence=nominal.sequence, phases=None)
     reach = believed.reach(confidence)
-    found, width = nominal, 0.0
+    found, widths = nominal, (0.0, 0.0)
     for made in range(1, _ROUNDS + 1):
-        needed = needed_width(found.motion_under(believed.mean_load), believed, reach, limits)
-        if needed <= width:
-            return Robust(found, nominal, width, needed, reach, made)
-        width = _WIDER * needed
-        if width > min(believed.load):
+        needed = needed_widths(found.motion_under(believed.mean_load), believed, reach, limits)
+        if needed[0] <= widths[0] and needed[1] <= widths[1]:
+            return Robust(found, nominal, widths, reach, made)
+        wider = zip(widths, needed, strict=True)
+        below, above = (_WIDER * need if need > width else width for width, need in wider)
+        if below > min(believed.load):
             raise SolveError(
-                f"the load is known only to {min(believed.load):.4g} +- {width:.2g}, with the "
+                f"the load is known only to {min(believed.load):.4g} -{below:.2g}, with the "
                 "errors of all parameters: the worm might be pulled forward",
                 "record longer, with less noise, or a gait with larger accelerations",
             )
-        task = GaitProblem(believed.worm(width), limits, objective)
-        found = designed(task, quick, report)
+        widths = below, above
+        found = designed(GaitProblem(believed.worm(widths), limits, objective), quick, report)
     raise SolveError(
         f"the range of loads did not converge in {_ROUNDS} designs",
         "record longer or with less noise to reduce the uncertainty",
     )
 
 
-def needed_width(motion: Crawl, believed: Believed, reach: float, limits: Limits) -> float:
-    """Half the range of loads that affects a gait as much as the worst parameters in reach."""
-    burdens: list[Burden] = ["total", "grip"] if believed.grip else ["total"]
-    if limits.actuator_force is not None:
-        burdens.append("actuators")
-    worst = 0.0
+def needed_widths(motion: Crawl, believed: Believed, reach: float, limits: Limits) -> Widths:
+    """Widths of the range of loads that affects a gait like the worst parameters in reach.
+
+    Only instants count at which these exceed a limit.
+    """
+    needed = [0.0, 0.0]
     for stretch in motion.stretches:
-        for burden in burdens:
+        for burden, low, high in _limits_of(stretch, believed, limits):
             slopes = _slopes(motion.drive, stretch, burden)
-            off = _errors(slopes, believed)
-            by_load = np.abs(slopes[_loads(motion.drive)].sum(axis=0))
-            if np.any((by_load < 1e-9) & (off > 0)):
-                raise SolveError(
-                    "the force of an actuator between resting masses does not depend on the load, "
-                    "so no range of loads covers its error",
-                    f"remove {limits.name}.actuator_force, or write resting = 1",
-                )
-            worst = max(worst, float((off / by_load).max()))
-    return _BETWEEN * reach * worst
+            force = np.tensordot(believed.numbers[: len(slopes)], slopes, 1)
+            off = _BETWEEN * reach * _errors(slopes, believed)
+            by_load = slopes[_loads(motion.drive)].sum(axis=0)
+            for sign, limit in ((-1, -low), (1, high)):
+                over = (sign * force + off > limit) & (off > 0)
+                if np.any(over & (np.abs(by_load) < 1e-9)):
+                    raise SolveError(
+                        "the force of an actuator between resting masses does not depend on the "
+                        "load, so no range of loads covers its error",
+                        f"remove {limits.name}.actuator_force, or write resting = 1",
+                    )
+                for side, way in enumerate((-1, 1)):
+                    there = over & (way * sign * by_load > 0)
+                    worst = float((off[there] / np.abs(by_load[there])).max(initial=0.0))
+                    needed[side] = max(needed[side], worst)
+    return needed[0], needed[1]
+
+
+def _limits_of(
+    stretch: Stretch, believed: Believed, limits: Limits
+) -> Iterator[tuple[Burden, float | np.ndarray, float | np.ndarray]]:
+    """Burdens with their limits, which broadcast to (forces, m)."""
+    masses, most = len(believed.mass), np.inf
+    if not believed.grip and limits.spike_load is not None:
+        spikes = np.broadcast_to(limits.spike_load, masses)[list(stretch.resting)]
+        most = len(spikes) * float(spikes.min())
+    yield "total", masses * limits.sigma_margin, most
+    if believed.grip:
+        yield "grip", -np.inf, 0.0
+    if limits.actuator_force is not None:
+        force = np.broadcast_to(limits.actuator_force, masses - 1)[:, None]
+        yield "actuators", -force, force
 
 
 def _errors(slopes: np.ndarray, believed: Believed) -> np.ndarray:
