@@ -397,6 +397,10 @@ class Panel:
         self._auto("x", x)
         self.legend()
 
+    def above(self, text: str) -> None:
+        """Write above the axes, such as the time of a frame."""
+        self.axes.text(0.0, 1.02, text, va="bottom", transform=self.axes.transAxes)
+
     def scenery(self, *, equal: bool = True, heights: bool = True) -> None:
         """Make the panel one in which things are drawn: without a grid, to scale.
 
@@ -444,6 +448,7 @@ class Animation:
 
     def __call__(self, result: Result) -> Figure:
         drawn = self.stage(result).drawn
+        drawn.moves = self
         axes = drawn.axes[0]
         for artist in _moving(axes):
             artist.set_gid("stays")
@@ -451,12 +456,23 @@ class Animation:
         return drawn
 
     def show(self, drawn: Any, frame: int) -> None:
-        """Change a figure that shows another frame to show this one."""
+        """Change a figure that shows other frames to show this one."""
+        self.pose(self._cleared(drawn), frame)
+
+    def show_all(self, drawn: Any) -> None:
+        """Change a figure to show all frames; the ids of artists begin with ``frame-NUMBER-``."""
+        panel = self._cleared(drawn)
+        for frame in range(self.frames):
+            self.pose(panel, frame)
+            for k, artist in enumerate(a for a in _moving(panel.axes) if a.get_gid() is None):
+                artist.set_gid(f"frame-{frame}-{k}")
+
+    def _cleared(self, drawn: Any) -> Panel:
         (panel, *_) = drawn.page.panels
         for artist in _moving(panel.axes):
             if artist.get_gid() != "stays":
                 artist.remove()
-        self.pose(panel, frame)
+        return panel
 
 
 def _moving(axes: Axes) -> list[Artist]:

@@ -72,20 +72,17 @@ def _caption(source: str) -> str:
 
 def _embedded(svg: str, prefix: str, caption: str) -> str:
     """Embed a file's SVG in a page, with unique ids, only visible parts, and short numbers."""
+    from wormopt.pictures import shortened
+
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.S)
     used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', svg))
     svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", svg)
     svg = re.sub(r'(url\(#|href="#)', rf"\g<1>{prefix}", svg)
-    svg = re.sub(r' (?:d|x|y|points)="[^"]*"', _shortened, svg)
+    svg = shortened(svg)
     head = re.search(r'viewBox="[^"]*"', svg)
     whole = (
         f'<svg xmlns:xlink="http://www.w3.org/1999/xlink" {head[0] if head else ""} role="img" '
         f'aria-label="{escaped(caption)}">'
     )
     return re.sub(r"\s*\n\s*", "\n", whole + svg[svg.index(">") + 1 :].strip())
-
-
-def _shortened(attribute: re.Match[str]) -> str:
-    text = re.sub(r"-?\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", attribute[0])
-    return text.replace("\n", "")
