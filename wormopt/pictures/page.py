@@ -311,6 +311,13 @@ class Panel:
         self.axes.fill_between(self._values(x), self._values(low), self._values(high),
                                label=text or None, **look)  # fmt: skip
 
+    def filled(self, x: np.ndarray, y: np.ndarray, color: str, low: float = 0.0, **style: Any
+               ) -> None:  # fmt: skip
+        """Fill the area from a level up to a curve, whose points are written once."""
+        ends = np.array([low, low])
+        (area,) = self.axes.fill(np.append(x, x[[-1, 0]]), np.append(y, ends), color, **style)
+        area.set_linewidth(style.get("linewidth", 0.0))
+
     def level(
         self, value: str | float | None, text: str = "", *, axis: str = "y", **style: Any
     ) -> None:
