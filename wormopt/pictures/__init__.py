@@ -154,18 +154,23 @@ def _rounded(attribute: re.Match[str]) -> str:
     return re.sub(r"\s*([A-Za-z])\s+(?=-?\d)", r"\1", text).replace("\n", "")
 
 
-def moving_svg(moves: Animation, drawn: Figure) -> str:
-    """Write an animation as SVG that moves by itself, without scripts.
-
-    Everything is in the file once, with the class ``frame``; a style sheet shows one frame after
-    the other. Viewers without animations, and readers who want little motion, see the first.
-    """
-    moves.show_all(drawn)
+def all_frames(moves: Animation, drawn: Figure, every: int = 1) -> str:
+    """Write all frames, or some, into one SVG, with the classes ``frame``, and ``f0`` and so on."""
+    moves.show_all(drawn, every)
     stream = BytesIO()
     save(drawn, stream, "svg")
     moves.show(drawn, 0)
     text = shortened(stream.getvalue().decode())
-    text = re.sub(r'<g id="frame-(\d+)-\d+">', r'<g class="frame f\1">', text)
+    return re.sub(r'<g id="frame-(\d+)-\d+">', r'<g class="frame f\1">', text)
+
+
+def moving_svg(moves: Animation, drawn: Figure) -> str:
+    """Write an animation as SVG that moves by itself, without scripts.
+
+    A style sheet shows one frame after the other. Viewers without animations, and readers who want
+    little motion, see the first.
+    """
+    text = all_frames(moves, drawn)
     share, duration = 100 / moves.frames, moves.frames / _FRAMES_PER_SECOND
     begin = (f".f{k}{{animation-delay:{k / _FRAMES_PER_SECOND:.5f}s}}" for k in range(moves.frames))
     style = (

@@ -466,13 +466,16 @@ class Animation:
         """Change a figure that shows other frames to show this one."""
         self.pose(self._cleared(drawn), frame)
 
-    def show_all(self, drawn: Any) -> None:
-        """Change a figure to show all frames; the ids of artists begin with ``frame-NUMBER-``."""
+    def show_all(self, drawn: Any, every: int = 1) -> None:
+        """Change a figure to show all frames; the ids of artists begin with ``frame-NUMBER-``.
+
+        With `every`, some frames are left out; the others are counted from 0.
+        """
         panel = self._cleared(drawn)
-        for frame in range(self.frames):
+        for count, frame in enumerate(range(0, self.frames, every)):
             self.pose(panel, frame)
             for k, artist in enumerate(a for a in _moving(panel.axes) if a.get_gid() is None):
-                artist.set_gid(f"frame-{frame}-{k}")
+                artist.set_gid(f"frame-{count}-{k}")
 
     def _cleared(self, drawn: Any) -> Panel:
         (panel, *_) = drawn.page.panels

@@ -8,9 +8,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Any
 
 from wormopt.kinds import KINDS
-from wormopt.reports.parts import escaped
+from wormopt.reports.parts import controls, escaped
 from wormopt.result import Result
 
 
@@ -62,6 +63,37 @@ def _picture(result: Result, name: str, prefix: str) -> Picture:
         what = f"{type(error).__name__}: {error}"
         return Picture(caption, "", f"The picture “{name}” could not be drawn ({what}).")
     return Picture(caption, _embedded(into.getvalue(), prefix, caption))
+
+
+_MOST_FRAMES = 80
+
+
+def animation(result: Result, ident: str, room: float) -> str:
+    """The animation of a result as a figure for the page's script, empty if it has none.
+
+    `room`: largest number of letters.
+    """
+    names = KINDS[result.kind].pictures if result.kind in KINDS else {}
+    if "animation" not in names:
+        return ""
+    from wormopt.pictures import all_frames, figure
+
+    try:
+        drawn: Any = figure(result, "animation", title=False)
+        every = -(-drawn.moves.frames // _MOST_FRAMES)
+        svg = all_frames(drawn.moves, drawn, every)
+    except KeyError:  # results for this picture were not requested
+        return ""
+    except Exception as error:  # a failed picture must not cost the page
+        what = f"The animation could not be drawn ({type(error).__name__}: {error})."
+        return f'<p class="note">{escaped(what)}</p>'
+    svg = _embedded(svg, f"{ident}-", "The motion at the chosen time")
+    if len(svg) > room:
+        return '<p class="note">The animation is left out for want of room.</p>'
+    last = -(-drawn.moves.frames // every) - 1
+    return (
+        f'<figure class="film" id="{ident}"><div class="card">{svg}</div>{controls(last)}</figure>'
+    )
 
 
 def _caption(source: str) -> str:
