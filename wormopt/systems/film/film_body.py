@@ -151,11 +151,15 @@ class FilmBody(Study, kind="film-body"):
     thousand tolerances. A second route must end at the same state.
     """
 
-    pictures: ClassVar = {"carried": "wormopt.systems.film.pictures:carried"}
+    pictures: ClassVar = {
+        "carried": "wormopt.systems.film.pictures:carried",
+        "animation": "wormopt.systems.film.pictures:animation",
+    }
     headline: ClassVar = ("drift", "drift_massless", "held", "settled", "speed_max")
 
-    want: tuple[Literal["carried"], ...] = entry(
-        "`carried`: the body in the wave, and its velocity", default=()
+    want: tuple[Literal["carried", "animation"], ...] = entry(
+        "`carried`: the body in the wave, and its velocity; `animation`: the body, as a moving GIF",
+        default=(),
     )
     film: Film = entry("film and wave")
     body: Body = entry("the body")

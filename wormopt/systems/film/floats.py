@@ -236,15 +236,16 @@ class Float(Study, kind="float"):
     pictures: ClassVar = {
         "ride": "wormopt.systems.film.pictures:ride",
         "floats": "wormopt.systems.film.pictures:floats",
+        "animation": "wormopt.systems.film.pictures:animation",
     }
     headline: ClassVar = (
         "float_drift", "float_drift_closed", "float_drift_error", "float_drift_corrected",
         "float_drift_bar",
     )  # fmt: skip
 
-    want: tuple[Literal["floats", "ride"], ...] = entry(
+    want: tuple[Literal["floats", "ride", "animation"], ...] = entry(
         "`floats`: the floats on the wave, and the field (as figure 27 of Zimmermann et al. "
-        "2007); `ride`: paths over the wave",
+        "2007); `ride`: paths over the wave; `animation`: the first, as a moving GIF",
         default=(),
     )
     film: Film = entry("film and wave, without `tension`")
