@@ -93,7 +93,7 @@ def test_a_worm_pressed_against_a_stiff_wall_gets_by_slow_slip() -> None:
     assert exact.status == "unchecked"
     assert exact.scalars["n_steps"].value < 50_000
     for name in ("x", "y"):
-        assert_allclose(exact[name].values[:, -1], smooth[name].values[:, -1], atol=1e-3)
+        assert_allclose(exact[name].values[:, -1], smooth[name].values[:, -1], rtol=0, atol=1e-3)
 
 
 @pytest.mark.slow
