@@ -95,6 +95,17 @@ class Sheet(Figure):
     """A figure that notebooks show, without a window."""
 
     page: Any = None  # which an animation draws on
+    moves: Any = None  # the animation
+
+    def _repr_html_(self) -> str | None:
+        if self.moves is None:
+            return None
+        from base64 import b64encode
+
+        from wormopt.pictures import moving_svg
+
+        code = b64encode(moving_svg(self.moves, self).encode()).decode()
+        return f'<img src="data:image/svg+xml;base64,{code}" alt="an animation">'
 
     def _repr_png_(self) -> bytes:
         file = BytesIO()

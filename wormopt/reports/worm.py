@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.kinds import kind_of
 from wormopt.quantities import GRAVITY
-from wormopt.reports.parts import escaped, number, unit_text, value_text
+from wormopt.reports.parts import controls, escaped, number, unit_text, value_text
+from wormopt.reports.pictures import animation
 from wormopt.reports.source import scene_of
 from wormopt.result import Result
 
@@ -67,10 +69,16 @@ class Rod:
 
 
 def moving(result: Result) -> Moving | None:
-    """Masses on the ground over time, None if the result has no such motion."""
+    """Masses on the ground over time, None if the result has no such motion.
+
+    Bodies that are more than masses, such as floats and segments, have an animation of their own.
+    """
     if "position" not in result:
         return None
     position = result["position"]
+    kind = kind_of(result)
+    if "mass" not in position.dims and kind and "animation" in kind.pictures:
+        return None
     along = position.dims[-1]
     if along not in ("time", "instant") or along not in result or len(position.values.T) < 2:
         return None
@@ -207,6 +215,12 @@ _PULL = (
 )
 
 
+def motion_of(result: Result, ident: str, room: float) -> str:
+    """Figure of the motion in a result, drawn by the page or in frames; empty without any."""
+    found = moving(result) or rod(result)
+    return motion_html(found, ident) if found else animation(result, ident, room)
+
+
 def motion_html(motion: Moving | Rod, ident: str) -> str:
     """A figure: poses to read without scripts, and a stage that the script shows instead."""
     if isinstance(motion, Rod):
@@ -217,10 +231,7 @@ def motion_html(motion: Moving | Rod, ident: str) -> str:
     last = len(motion.time) - 1
     return (
         f'<figure class="moving" id="{ident}"><div class="still">{poses}</div>'
-        f'<div class="stage" hidden=""><div class="card-plain">{stage}</div>'
-        '<div class="controls"><button type="button" class="play" aria-pressed="false">Play'
-        '</button><input type="range" class="slider" min="0" '
-        f'max="{last}" value="0" step="1" aria-label="Time"><output class="now"></output></div>'
+        f'<div class="stage" hidden=""><div class="card-plain">{stage}</div>{controls(last)}'
         f'</div><figcaption>{caption}</figcaption><script type="application/json">{text}'
         "</script></figure>"
     )

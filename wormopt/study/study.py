@@ -24,7 +24,7 @@ from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check, Result, Status, Unchecked, left_out
 from wormopt.shown import brief, lines
-from wormopt.study.given import Given, bare, entry, said_of, tables_in
+from wormopt.study.given import Given, bare, default_of, entry, said_of, tables_in
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
 from wormopt.study.reference import quantity_of
 from wormopt.study.swept import Swept
@@ -133,6 +133,12 @@ class Study(Given):
     def scene(self) -> Any:
         """The study as a Scene."""
         return Scene(self.name, self.folder, self)
+
+    def __repr__(self) -> str:
+        own = [one for one in structs.fields(self) if one.name not in Study.__struct_fields__]
+        given = [one.name for one in own if getattr(self, one.name) != default_of(one)]
+        title = f": {self.title}" if self.title else ""
+        return lines(f"{type(self).__name__} {self.name}{title}", f"given: {', '.join(given)}")
 
     def placed(self, name: str, folder: Path) -> None:
         """Set the name and the folder of the scene."""

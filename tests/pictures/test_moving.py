@@ -1,0 +1,85 @@
+"""Animations of films: what each frame shows, against the result."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from drawn import sample
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon, Rectangle
+
+from wormopt.pictures import figure
+from wormopt.result import Result
+from wormopt.systems.coils import pictures as coils
+from wormopt.systems.film import pictures as film
+
+
+def shown(drawn: Figure, moves: Any, frame: int) -> tuple[list[float], np.ndarray, np.ndarray]:
+    """Middles of the coils that are on, the surface (2, n), and the outline (2, m) of the body."""
+    moves.show(drawn, frame)
+    axes = drawn.axes[0]
+    fresh = [patch for patch in axes.patches if patch.get_gid() != "stays"]
+    boxes = [patch for patch in fresh if isinstance(patch, Rectangle)]
+    surface = next(patch for patch in fresh if isinstance(patch, Polygon)).get_xy()[:-3]
+    (body,) = axes.collections
+    outline = np.asarray(body.get_paths()[0].vertices)
+    return [box.get_x() + box.get_width() / 2 for box in boxes], surface.T, outline.T
+
+
+@pytest.mark.parametrize("frame", [0, 50, 143])
+def test_a_film_over_coils_moves_with_its_float_and_the_coils_that_are_on(frame: int):
+    result = sample("cargo")
+    drawn, moves = figure(result, "animation", width=85), coils.animation
+    on, surface, body = shown(drawn, moves, frame)
+    time = result["time"].values
+    now = time[-1] * frame / 143
+    k = int(np.flatnonzero(time <= now + 1e-12)[-1])
+    lit = result["coil_place"].values[result["current"].values[k] > 0]
+    assert on == pytest.approx((1e3 * lit).tolist())
+    assert np.allclose(surface[0], 1e3 * result["x"].values)
+    heights = [np.interp(now, time, column) for column in result["thickness"].values.T]
+    assert np.allclose(surface[1], 1e3 * np.array(heights))
+    middle = 1e3 * np.interp(now, time, result["float_position"].values)
+    size = result.attributes["float"]
+    assert body[0].min() == pytest.approx(middle - 500 * size["length"])
+    assert body[0].max() == pytest.approx(middle + 500 * size["length"])
+    below = np.interp(body[0], *surface)
+    thick = 1e3 * size["thickness"]
+    assert np.allclose(np.minimum(abs(body[1] - below), abs(body[1] - below - thick)), 0, atol=0.02)
+    assert f"{now:.2f} s" in drawn.axes[0].texts[-1].get_text()
+
+
+@pytest.mark.parametrize("frame", [0, 60])
+def test_a_body_in_a_wave_moves_with_the_film(frame: int):
+    result = sample("carried")
+    drawn, moves = figure(result, "animation", width=85), film.animation
+    _, surface, body = shown(drawn, moves, frame)
+    wavelength, speed = (result.scalars[name].value for name in ("wavelength", "wave_speed"))
+    now = result["time"].values[0] + 4 * wavelength / speed * frame / 144
+    middle = np.interp(now, result["time"].values, result["position"].values) / wavelength
+    assert (body[0].min() + body[0].max()) / 2 == pytest.approx(middle)
+    assert (body[1].min(), body[1].max()) == pytest.approx((0.0, result.attributes["height"]))
+    # the crest is where the phase omega t - k x is that of the largest height
+    crest = result["xi"].values[np.argmax(result["height"].values)] / (2 * np.pi)
+    at = surface[0][np.argmax(surface[1])]
+    off = (now * speed / wavelength - at - crest + 0.5) % 1 - 0.5
+    assert abs(off) <= np.diff(surface[0]).max()
+
+
+def test_a_film_without_a_float_moves_alone():
+    result = sample("coil_film")
+    assert "float_position" not in result
+    drawn = figure(result, "animation", width=85)
+    coils.animation.show(drawn, 100)
+    assert len(drawn.axes[0].collections) == 0
+
+
+def test_the_field_that_makes_the_wave_is_drawn_below_it():
+    result: Result = sample("floats")
+    drawn = figure(result, "animation", width=85)
+    film.animation.show(drawn, 30)
+    areas = [patch.get_xy() for patch in drawn.axes[0].patches if patch.get_gid() != "stays"]
+    below = [area for area in areas if isinstance(area, np.ndarray) and area[:, 1].max() < 0]
+    assert len(below) == 1
+    assert below[0][:, 1].max() == pytest.approx(-0.1, abs=0.02)
+    assert len(drawn.axes[0].collections) == len(result.attributes["lengths"])
