@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
@@ -208,6 +209,91 @@ def test_an_own_plant_is_tracked(tmp_path: Path):
     assert result["place"].unit == "m"
     assert "distance" not in result
     assert result.plot("trackers").axes
+
+
+OPTIMAL = (
+    f"kind = 'track-optimal'{MODEL}"
+    """
+[reference]
+gait = { shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }
+[tube]
+radius = 0.1
+capture = 0.5
+[objective]
+minimise = "error"
+input_weight = 1e-3
+[mesh]
+arcs = 60
+[time]
+end = 1.0
+samples = 101
+"""
+)
+PREDICTIVE = (
+    f"kind = 'track-predictive'{MODEL}"
+    """
+[reference]
+gait = { shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }
+[tube]
+radius = 0.1
+capture = 0.5
+[predictive]
+period = 0.02
+horizon = 0.2
+input_weight = 1e-3
+v_reg = 0.1
+force = 6.0
+[plants]
+members = 2
+spread = 0.2
+[time]
+end = 1.0
+samples = 101
+"""
+)
+
+
+def least_cost(weight: float, arcs: int, end: float) -> float:
+    """Least integral of |e|^2 + weight |u|^2 with forces held on arcs, by linear least squares."""
+    h, whole = end / arcs, np.zeros((4, 4))
+    whole[:3, :3] = [[0, 1, 0], [-SPRING / MASS, -DRAG / MASS, DRAG / MASS], [0, DRAG / WHEEL, -DRAG / WHEEL]]
+    whole[1, 3] = 1 / MASS
+    fine, rows, right = 40, [], []
+    step = expm(whole * h / fine)
+    free, forced = np.array([0.1, 0.0, 0.0]), np.zeros((3, arcs))
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    inside = [expm(whole * h / fine * (s + 1) / 2) for s in nodes]
+    for k in range(arcs):
+        for j in range(fine):
+            unit = np.eye(arcs)[k]
+            for s, g, map_ in zip(nodes, weights, inside, strict=True):
+                t = h * (k + (j + (s + 1) / 2) / fine)
+                size = np.sqrt(g * h / fine / 2)
+                own = map_[:3, :3] @ forced + np.outer(map_[:3, 3], unit)
+                rows.append(size * own[0])
+                right.append(size * (0.3 * np.sin(np.pi * t) - (map_[:3, :3] @ free)[0]))
+            free = step[:3, :3] @ free
+            forced = step[:3, :3] @ forced + np.outer(step[:3, 3], unit)
+    rows += [*(np.sqrt(weight * h) * np.eye(arcs))]
+    right += [0.0] * arcs
+    matrix, wanted = np.array(rows), np.array(right)
+    u = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+    return float(np.sum((matrix @ u - wanted) ** 2))
+
+
+def test_the_optimal_input_of_an_own_plant_is_that_of_least_squares(tmp_path: Path):
+    result = wo.run(scene(tmp_path, OPTIMAL, "want=['trackers']"))
+    assert result.status == "ok", result.reason
+    assert result["objective"].value == pytest.approx(least_cost(1e-3, 30, 1.0), rel=1e-4)
+    assert result["w"].dims == ("tracker", "time")
+    assert result.plot("trackers").axes
+
+
+def test_predictive_control_of_an_own_plant_repeats_the_optimum(tmp_path: Path):
+    result = wo.run(scene(tmp_path, PREDICTIVE, "want=['predictive']"))
+    assert result.status == "ok", result.reason
+    assert result["cost"].value[0] == pytest.approx(least_cost(1e-3, 50, 1.0), rel=1e-3)
+    assert result["drawn_cost"].values.shape == (4, 2)
 
 
 def test_results_of_an_own_plant_have_its_units(tmp_path: Path):

@@ -196,6 +196,8 @@ class CompareTracking(Rivals, kind="compare-tracking"):
                 yield "estimation", "needs predictive control; add [predictive]"
             return
         yield from self.predictive.faults_in(self.time.end, self.units)
+        if self.estimation is not None and self.model is not None:
+            yield "estimation", "estimates parameters of chains; leave the table out"
         if not self.hardware.ideal:
             yield (
                 "hardware",
