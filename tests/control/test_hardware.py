@@ -283,7 +283,7 @@ HARDWARE: dict[str, dict[str, float]] = {
 @pytest.mark.parametrize("name", HARDWARE)
 @pytest.mark.parametrize("controller", ["lqr", "tracker"])
 def test_a_sampled_loop_is_that_of_steps_from_sample_to_sample(controller: str, name: str):
-    wanted = dict(HARDWARE[name])
+    wanted: dict[str, Any] = dict(HARDWARE[name])
     bound = wanted.pop("bound", np.inf)
     plant = cart(bound)
     reference = swing(plant)
@@ -346,7 +346,8 @@ def test_what_needs_a_clock_is_refused_without():
     plant = worm()
     loop, _, _ = linear(plant)
     for name in ("rate", "output_step", "input_step"):
+        given_: Any = {name: 0.1}
         with pytest.raises(ArgumentError, match="period="):
-            through_hardware(plant, loop, **{name: 0.1})
+            through_hardware(plant, loop, **given_)
     with pytest.raises(ArgumentError, match="period must be"):
         through_hardware(plant, loop, period=0.0)

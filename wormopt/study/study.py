@@ -468,7 +468,7 @@ class Study(Given):
 
         return tuple(self._gathered("array", of, names))
 
-    def unit(self, quantity: str) -> str:
+    def unit_in_results(self, quantity: str) -> str:
         """Unit of a quantity in the results of this study."""
         return unit_of(quantity, self.units) if quantity else "1"
 
@@ -477,7 +477,7 @@ class Study(Given):
     ) -> Scalar:
         """Scalar of a declared name, or a Scalar itself."""
         quantity = (self.scalars if declared is None else declared).get(name, ("",))[0]
-        return value if isinstance(value, Scalar) else Scalar(value, self.unit(quantity))
+        return value if isinstance(value, Scalar) else Scalar(value, self.unit_in_results(quantity))
 
     def variable(
         self, name: str, values: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
@@ -486,7 +486,7 @@ class Study(Given):
         if isinstance(values, Variable):
             return values
         quantity, dims, what = (self.variables if declared is None else declared)[name]
-        return Variable(name, self.unit(quantity), tuple(dims), values, what)
+        return Variable(name, self.unit_in_results(quantity), tuple(dims), values, what)
 
     def _checks(self, names: Names = ()) -> list[Check]:
         def of(member: Member[Any], found: Any) -> Iterator[Check]:
@@ -608,7 +608,7 @@ class _Amount:
 
     def __format__(self, form: str) -> str:
         text = format(self._value, form) if form else brief(self._value)
-        unit = self._study.unit(self._quantity)
+        unit = self._study.unit_in_results(self._quantity)
         return text if unit == "1" else f"{text} {unit}"
 
 

@@ -54,7 +54,7 @@ def compared() -> wo.Result:
         "funnel": funnel,
         "two gains": partial(funnel, law="two gains"),
         "LQR": partial(wo.lqr, error_weight=400.0),
-        "push": wo.Gait([0.0, 1.0], [[[0.5]]]),
+        "push": wo.Gait(np.array([0.0, 1.0]), np.full((1, 1, 1), 0.5)),
     }  # fmt: skip
     hardware = wo.Hardware(period=0.01, input_limit=3.0)
     return wo.compare(
@@ -68,6 +68,13 @@ def found() -> wo.Result:
     return compared()
 
 
+def between(t: float, y: np.ndarray, u: float, seen: float, mass: float) -> list[float]:
+    """Rates of the cart and of the gain between samples, for the push and the place seen last."""
+    drag = DRAG * (y[1] - y[2])
+    growth = 30 * max(abs(seen - 0.3 * np.sin(np.pi * t)) - RADIUS, 0.0) ** 2
+    return [y[1], (u - SPRING * y[0] - drag) / mass, drag / WHEEL, growth]
+
+
 def by_steps(mass: float) -> np.ndarray:
     """Error of the cart under the tracker (13) at the samples of the clock, by SciPy."""
     omega = np.pi
@@ -79,15 +86,12 @@ def by_steps(mass: float) -> np.ndarray:
         growth = 30 * max(abs(e) - RADIUS, 0.0) ** 2
         u = float(np.clip(-(gain * e + growth * e + gain * slope), -3, 3))
         errors.append(abs(e))
-        seen = z[0]
+        seen = float(z[0])
 
-        def rhs(t: float, y: np.ndarray, u: float = u, seen: float = seen) -> list[float]:
-            drag = DRAG * (y[1] - y[2])
-            off = abs(seen - 0.3 * np.sin(omega * t))
-            growth = 30 * max(off - RADIUS, 0.0) ** 2
-            return [y[1], (u - SPRING * y[0] - drag) / mass, drag / WHEEL, growth]
-
-        step = solve_ivp(rhs, (t, t + 0.01), [*z, gain], method="DOP853", rtol=1e-12, atol=1e-13)
+        step = solve_ivp(
+            between, (t, t + 0.01), [*z, gain], args=(u, seen, mass), method="DOP853",
+            rtol=1e-12, atol=1e-13,
+        )  # fmt: skip
         z, gain = step.y[:3, -1], step.y[3, -1]
     return np.array(errors)
 

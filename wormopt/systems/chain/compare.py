@@ -57,12 +57,6 @@ RANKED = ("time_outside_tube", "error_peak", "error_integral", "input_integral",
 controllers.
 """
 
-Rival = Callable[[Any, Any], Any] | Any
-"""A function of plant and reference that closes the loop, or a Gait of inputs over time."""
-_RIVALS = ("reference", "rival")
-
-Rival = Callable[[Any, Any], Any] | Any
-"""A function of plant and reference that closes the loop, or a Gait of inputs over time."""
 _RIVALS = ("reference", "rival")
 _COUNTS: Scalars = {
     "tube_radius": ("length", "*λ*"),
@@ -362,7 +356,12 @@ class _Asked(Rivals):
                 raise ArgumentError(f"rival {name!r}: {error}") from None
 
 
-def _closed(rival: Rival, plant: Model, reference: Reference, radius: float) -> Model:
+def _closed(
+    rival: Callable[[Model, Reference], Model] | Gait,
+    plant: Model,
+    reference: Reference,
+    radius: float,
+) -> Model:
     """Closed loop of a rival, with the outputs of its error; ArgumentError for others."""
     if isinstance(rival, Gait):
         return drive(with_reference(plant, reference), rival)
@@ -397,7 +396,7 @@ def _closed(rival: Rival, plant: Model, reference: Reference, radius: float) -> 
 def compare(
     plant: Model,
     reference: Reference,
-    rivals: Mapping[str, Rival],
+    rivals: Mapping[str, Callable[[Model, Reference], Model] | Gait],
     *,
     end: float,
     tube_radius: float,

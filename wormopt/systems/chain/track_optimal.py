@@ -209,7 +209,7 @@ class TrackOptimal(Tracking, kind="track-optimal"):
 
     def _objective(self, value: float) -> Scalar:
         squares = isinstance(self.objective, LeastError)
-        return Scalar(value, self.unit("length_squared_time" if squares else "effort"))
+        return Scalar(value, self.unit_in_results("length_squared_time" if squares else "effort"))
 
     @scalar("count", "iterations of the optimiser, over all solves")
     def solve_iterations(self) -> int:

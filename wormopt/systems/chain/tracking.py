@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from pathlib import Path
+from typing import Protocol
 
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.quantities import unit_of_signal
@@ -21,6 +23,14 @@ with on_use():
     from wormopt.model.model import Model
     from wormopt.systems.chain.loops import Links, chain_for, close_loop, draw_links, laws_of
     from wormopt.systems.spiked import gait_of_shape
+
+
+class GaitTable(Protocol):
+    """Table of a gait."""
+
+    def faults(self, links: int, folder: Path, key: str) -> Iterator[Fault]:
+        """Yield what does not fit so many links."""
+        ...
 
 
 class Following(Study):
@@ -57,7 +67,7 @@ class Following(Study):
         """Yield lists and gaits that do not fit `links`, the entries of the tracked output."""
         yield from ()
 
-    def faults_of_gait(self, shape: Shape, links: int, key: str) -> Iterator[Fault]:
+    def faults_of_gait(self, shape: GaitTable, links: int, key: str) -> Iterator[Fault]:
         """Yield what of a shape does not fit the tracked output."""
         for path, message in shape.faults(links, self.folder, key):
             if self.model is None:
@@ -87,7 +97,10 @@ class Following(Study):
     @property
     def laws(self) -> list[Law]:
         """Friction law of every contact."""
-        return laws_of(self.worm) if self.worm else [c.law for c in self.own.contacts]
+        if self.own is not None:
+            return [contact.law for contact in self.own.contacts]
+        assert self.worm is not None
+        return laws_of(self.worm)
 
     def plant_for(self, gait: Gait, links: Links | None = None) -> Model:
         """The plant without a controller; a chain, with drawn links, is scaled by the gait."""
@@ -110,10 +123,10 @@ class Following(Study):
             message = f"{error}{hint if isinstance(tracker, FunnelTracker) else ''}"
             raise SceneError(self.name, [(key, message)]) from None
 
-    def unit(self, quantity: str) -> str:
+    def unit_in_results(self, quantity: str) -> str:
         """Unit of a quantity; lengths and forces are those of the tracked output and its input."""
         if self.own is None or self.units != "SI" or quantity not in _OF_PLANT:
-            return super().unit(quantity)
+            return super().unit_in_results(quantity)
         units = [next(s.unit for s in self.own.u)]
         units += [s.unit for s in (*self.own.x, *self.own.outputs) if s.name == "length"]
         force, length = (unit_of_signal(unit, self.units) for unit in units)

@@ -298,17 +298,17 @@ def gait_of_shape(
     Paths are relative to the scene's folder; `links` is their number where the scene has no worm.
     Raises SceneError if the gait's file cannot be used.
     """
-    links = scene.table.worm.links if links is None else links
+    count: int = scene.table.worm.links if links is None else links
     if isinstance(shape, FastShape):
         return fast_gait(shape.period, shape.rest_length, shape.elongation)
     if isinstance(shape, FileShape):
-        return _from_file(shape, scene, key, links)
+        return _from_file(shape, scene, key, count)
     if isinstance(shape, SineShape):
-        return travelling_sine(links, shape.period, shape.rest_length, shape.amplitude, shape.lag)
+        return travelling_sine(count, shape.period, shape.rest_length, shape.amplitude, shape.lag)
     length, ramp = (shape.length[0], shape.length[1]), shape.ramp or 0.0
     if isinstance(shape, BlockWaveShape):
-        return block_wave(links, shape.resting, shape.period, length, shape.profile, ramp)
-    return accordion(links, shape.period, length, shape.profile, ramp)
+        return block_wave(count, shape.resting, shape.period, length, shape.profile, ramp)
+    return accordion(count, shape.period, length, shape.profile, ramp)
 
 
 def _from_file(shape: FileShape, scene: Scene[Any], key: str, links: int) -> Gait:
