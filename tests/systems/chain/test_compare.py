@@ -435,3 +435,45 @@ def wrong(rival: Any, **changes: Any) -> Any:
 def test_wrong_rivals_are_refused_by_name(rival: Any, changes: dict[str, Any], message: str):
     with pytest.raises(ArgumentError, match=re.escape(message)):
         wrong(rival, **changes)
+
+
+# -- fits and sweeps -------------------------------------------------------------------------------
+
+
+def test_a_parameter_of_an_own_plant_is_fitted(tmp_path: Path):
+    """The recording is the free motion by a matrix exponential, for another mass."""
+    mass, times = 1.7, np.linspace(0.0, 3.0, 31)
+    states = STATES * np.array([[1.0], [MASS / mass], [1.0]])
+    place = [(expm(states * t) @ [0.1, 0.0, 0.0])[0] for t in times]
+    rows = "".join(
+        f"{t!r},{x!r},0\n" for t, x in zip(times.tolist(), map(float, place), strict=True)
+    )
+    (tmp_path / "run.csv").write_text(f"time,place,push\n{rows}")
+    text = """
+schema = 1
+kind = "fit"
+[model]
+file = "plant.py:cart"
+[[recording]]
+file = "run.csv"
+[[unknown]]
+name = "m"
+[search]
+seeds = 1
+"""
+    result = wo.run(scene(tmp_path, text))
+    assert result["m"].value == pytest.approx(mass, rel=1e-6)
+
+
+def test_parameters_of_an_own_plant_are_swept(tmp_path: Path):
+    with_mass = OWN.replace("def cart()", "def cart(mass=MASS)").replace("value=MASS", "value=mass")
+    own = scene(tmp_path, TRACK, "time.end=0.2", own=with_mass)
+    found = wo.sweep(own, {"model.parameters.mass": [1.0, 2.0]}, store=tmp_path / "store")
+    plant = cart()
+    aim = wo.gait_reference(wo.travelling_sine(1, 2.0, 0.0, 0.3, 0.0), plant.t)
+    loop = wo.lambda_tracker(
+        plant, aim, tube_radius=RADIUS, adaptation=wo.Quadratic(30.0), output="place", input="push"
+    )
+    for k, mass in enumerate((1.0, 2.0)):
+        gain = wo.simulate(loop, 0.2, p={"m": mass})["gain"][0, -1]
+        assert np.asarray(found["k_end"].values)[k].flat[0] == pytest.approx(gain, rel=1e-8)

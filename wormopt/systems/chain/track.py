@@ -30,7 +30,6 @@ from wormopt.study.numerics import (
     Tolerances,
     ToleranceTable,
 )
-from wormopt.systems.chain.own_model import own_signals, own_variables
 from wormopt.systems.chain.tables import (
     Tracker,
     faults_of_lag,
@@ -264,10 +263,7 @@ class Track(Tracking, kind="track"):
         found = herd_signals(herds, _BANDS, _EACH) if herds else tracked_signals(self.motions)
         if not found:
             return {}
-        own: Mapping[str, Any] = {}
-        if self.own is not None:
-            named = own_signals(self.own)
-            own = own_variables([e.motion for e in self.motions], named, self.units, "tracker")
+        own = self.own_arrays([each.motion for each in self.motions], "tracker")
         return {**own, **fitted(found, _SIGNALS), **gait_arrays(self.gait)}
 
     @attributes

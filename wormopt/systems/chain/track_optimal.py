@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
@@ -23,7 +23,6 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.study.numerics import ToleranceTable
-from wormopt.systems.chain.own_model import own_signals, own_variables
 from wormopt.systems.chain.tables import (
     ChainTable,
     Grid,
@@ -234,11 +233,8 @@ class TrackOptimal(Tracking, kind="track-optimal"):
         expressions = signals_of(model) | {"error_norm": model["error_norm"]}
         found = {name: values[None] for name, values in sample(motion, expressions).items()}
         found["tube"] = np.full((1, 1, len(motion.time)), self.tube.radius)
-        own: Mapping[str, Any] = {}
-        if self.own is not None:
-            own = own_variables([motion], own_signals(self.own), self.units, "tracker")
         return {
-            **own,
+            **self.own_arrays([motion], "tracker"),
             "time": motion.time,
             "reference": motion["reference"],
             **fitted(found, _SIGNALS),

@@ -27,7 +27,6 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.study.numerics import ToleranceTable
-from wormopt.systems.chain.own_model import own_signals, own_variables
 from wormopt.systems.chain.predictive import (
     DrawnPlants,
     ParameterEstimation,
@@ -434,9 +433,7 @@ class TrackPredictive(Tracking, kind="track-predictive"):
             for motion, model in zip(motions, models, strict=True)
         ]
         rows = {name: np.array([each[name] for each in sampled]) for name in names}
-        own: dict[str, Any] = {}
-        if self.own is not None:
-            own |= own_variables(motions, own_signals(self.own), self.units, "controller")
+        own: dict[str, Any] = self.own_arrays(motions, "controller")
         own |= {"time": motions[0].time, "reference": motions[0]["reference"]}
         return own | fitted(rows, _SIGNALS) | gait_arrays(self.gait)
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 from wormopt.errors import ArgumentError, Fault, SceneError
-from wormopt.quantities import unit_of_signal
+from wormopt.quantities import Variable, unit_of_signal
 from wormopt.study import Study, entry, on_use
 from wormopt.study.numerics import Horizon, Start
-from wormopt.systems.chain.own_model import OwnPlant
+from wormopt.systems.chain.own_model import OwnPlant, own_signals, own_variables
 from wormopt.systems.chain.tables import ChainTable, FunnelTracker, Reference, Tracker
 from wormopt.systems.spiked import Shape
 
@@ -21,6 +21,7 @@ with on_use():
     from wormopt.model.friction import Law
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
+    from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain.loops import Links, chain_for, close_loop, draw_links, laws_of
     from wormopt.systems.spiked import gait_of_shape
 
@@ -122,6 +123,15 @@ class Following(Study):
             hint = "; write wider funnels, or another start"
             message = f"{error}{hint if isinstance(tracker, FunnelTracker) else ''}"
             raise SceneError(self.name, [(key, message)]) from None
+
+    def own_arrays(self, motions: Sequence[Trajectory], over: str) -> dict[str, Variable]:
+        """Every named state and output of a plant of the user's own; {} for a chain.
+
+        The dimension `over` counts the motions.
+        """
+        if self.own is None:
+            return {}
+        return own_variables(motions, own_signals(self.own), self.units, over)
 
     def unit_in_results(self, quantity: str) -> str:
         """Unit of a quantity; lengths and forces are those of the tracked output and its input."""
