@@ -220,7 +220,10 @@ def _states_of(plant: Model, own: ca.SX) -> ca.DM:
     slopes = ca.jacobian(own, x)
     offset = ca.simplify(own - slopes @ x)
     if ca.symvar(slopes) or not offset.is_zero():
-        raise ArgumentError(f"the output of {plant.name} is not linear in its states alone")
+        raise ArgumentError(
+            f"the output of {plant.name} and its rate are not linear in its states with constant "
+            "coefficients, as sensors and a clock need; choose such an output"
+        )
     return ca.DM(np.linalg.pinv(ca.evalf(slopes).full()))
 
 

@@ -357,9 +357,9 @@ class _Asked(Rivals):
         for name, rival in vars(self)["_rivals"].items():
             try:
                 loop = _closed(rival, plant, reference, self.tube.radius)
+                yield Controller(name, self.by_hardware(plant, loop))
             except ArgumentError as error:
                 raise ArgumentError(f"rival {name!r}: {error}") from None
-            yield Controller(name, self.by_hardware(plant, loop))
 
 
 def _closed(rival: Rival, plant: Model, reference: Reference, radius: float) -> Model:

@@ -196,6 +196,8 @@ class CompareTracking(Rivals, kind="compare-tracking"):
                 yield "estimation", "needs predictive control; add [predictive]"
             return
         yield from self.predictive.faults_in(self.time.end, self.units)
+        if self.estimation is not None and self.model is not None:
+            yield "estimation", "estimates parameters of chains; leave the table out"
         if not self.hardware.ideal:
             yield (
                 "hardware",
@@ -348,6 +350,13 @@ class CompareTracking(Rivals, kind="compare-tracking"):
 
     def _planned(self, gait: Gait, plan: Plan) -> Model:
         return self.driven(gait, plan.inputs, periodic=plan.periodic)
+
+    def by_hardware(self, plant: Model, loop: Model) -> Model:
+        """A loop whose controller measures and acts by the scene's hardware."""
+        try:
+            return super().by_hardware(plant, loop)
+        except ArgumentError as error:
+            raise SceneError(self.name, [("hardware", str(error))]) from None
 
     def driven(self, gait: Gait, inputs: Gait, *, periodic: bool = False) -> Model:
         """Plant with inputs over time, judged by the reference `gait`."""

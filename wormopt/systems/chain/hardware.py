@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 from wormopt.errors import Fault
 from wormopt.study import Given, entry, number, on_use, positive
@@ -16,6 +15,7 @@ with on_use():
     from wormopt.control.hardware import band_limited, through_hardware
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
+    from wormopt.systems.chain.predictive import limited
 
 # A stretch between two breaks takes milliseconds, a sample a tenth of that.
 _MOST_STRETCHES, _MOST_SAMPLES = 1e4, 1e5
@@ -125,10 +125,7 @@ class Hardware(Given):
         Model
             The plant, with bounds of its inputs where there is an `input_limit`.
         """
-        limit = self.input_limit
-        if limit is None:
-            return plant
-        return replace(plant, u=[replace(u, lower=-limit, upper=limit) for u in plant.u])
+        return plant if self.input_limit is None else limited(plant, self.input_limit)
 
     def noise_of(self, plant: int, end: float, entries: int) -> Gait:
         """Noise over time of the nominal plant, number 0, or of a drawn plant, from 1 on.

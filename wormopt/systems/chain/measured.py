@@ -21,7 +21,7 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.tables import Tube
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, motion_facts, one_or_all
-from wormopt.systems.shared.signals import at_ends
+from wormopt.systems.shared.signals import at_ends, chain_expressions
 
 ENTERS, LEAVES = "enters the tube", "leaves the tube"
 """Names of the crossings of the tube, which are events."""
@@ -49,6 +49,13 @@ def _add_states(model: Model, states: Sequence[Signal], rates: Sequence[ca.SX]) 
 def is_chain(model: Model) -> bool:
     """Whether a model is a chain, driven or controlled, not a plant of the user's own."""
     return any(output.name == "spring_force" for output in model.outputs)
+
+
+def signals_of(model: Model) -> dict[str, ca.SX]:
+    """Expressions of the signals that a kind declares: all of a chain, few of another plant."""
+    if is_chain(model):
+        return chain_expressions(model)
+    return {"length": model["length"], "input": model["input"]}
 
 
 def measure_power(model: Model) -> Model:

@@ -9,7 +9,7 @@ import math
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
@@ -23,9 +23,15 @@ from wormopt.study.types import Title
 from wormopt.systems.spiked import why_unreadable
 
 with on_use():
+    import casadi as ca
+    import numpy as np
+
     from wormopt.control.loop import as_tracked
     from wormopt.model.model import Model
     from wormopt.model.values import signal_values
+    from wormopt.quantities import Variable, unit_of_signal
+    from wormopt.simulation.trajectory import Trajectory
+    from wormopt.systems.shared.signals import sample
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Names that the Result itself uses.
@@ -265,3 +271,38 @@ def _check_model(own: _Asked, model: Model) -> None:
         raise _refused(own, str(error), _blamed(own.parameters, str(error))) from error
     if not model.n_x:
         raise _refused(own, "the Model has no states; give it at least one in x")
+
+
+# -- signals ---------------------------------------------------------------------------------------
+
+
+def own_signals(model: Model) -> dict[str, str]:
+    """Unit of every named state and output of a user's model, and of its contact forces."""
+    named = {part.name: part.unit for part in (*model.x, *model.outputs)}
+    return named | ({"contact_force": "force"} if model.contacts else {})
+
+
+def own_variables(
+    motions: Sequence[Trajectory], named: Mapping[str, str], units: str, over: str = ""
+) -> dict[str, Variable]:
+    """Signals of a user's model over time, by name, from their units.
+
+    With `over`, a first dimension of this name counts the motions, of which the shortest ends all.
+    """
+    count = min(len(motion.time) for motion in motions)
+    sampled = [sample(motion, _expressions(motion.system.model, named)) for motion in motions]
+    found = {}
+    for name, unit in named.items():
+        rows = np.array([each[name][:, :count] for each in sampled])
+        dims = [over, *([f"{name}_entry"] if rows.shape[1] > 1 else []), "time"]
+        rows = rows if rows.shape[1] > 1 else rows[:, 0]
+        dims, rows = (tuple(dims), rows) if over else (tuple(dims[1:]), rows[0])
+        found[name] = Variable(name, unit_of_signal(unit, units), dims, rows, name)
+    return found
+
+
+def _expressions(model: Model, names: Iterable[str]) -> dict[str, ca.SX]:
+    there = {part.name for part in (*model.x, *model.outputs)}
+    return {
+        name: ca.vec(ca.densify(model[name] if name in there else model.forces)) for name in names
+    }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -215,7 +216,7 @@ def plan_tracking(
     Raises SolveError if no plan is found.
     """
     weight = control.input_weight
-    bounded, free = limited(plant, control.force), limited(plant, None)
+    bounded, free = limited(plant, control.force) if control.force else plant, limited(plant)
     objective = LeastError(input_weight=weight)
     problem = tracking_problem(bounded, reference, end, objective, Tube(radius=1.0))
     breaks = problem.model.breaks(end)
@@ -225,10 +226,9 @@ def plan_tracking(
     return plan_mpc(problem, mesh, contact, guess, p=p)
 
 
-def limited(plant: Model, force: float | None) -> Model:
+def limited(plant: Model, force: float = math.inf) -> Model:
     """The plant with a limit on the size of its inputs, or without one."""
-    limit = np.inf if force is None else force
-    return replace(plant, u=[replace(u, lower=-limit, upper=limit) for u in plant.u])
+    return replace(plant, u=[replace(u, lower=-force, upper=force) for u in plant.u])
 
 
 def inputs_of(plan: MpcPlan) -> Gait:

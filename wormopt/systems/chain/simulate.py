@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal
 from msgspec import field
 
 from wormopt.errors import Fault, SceneError
-from wormopt.quantities import Scalar, Variable, unit_of_signal
+from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -39,7 +39,7 @@ from wormopt.study.numerics import (
     ToleranceTable,
 )
 from wormopt.study.types import FinitePerLink, NonNegativePerLink, per
-from wormopt.systems.chain.own_model import OwnModel
+from wormopt.systems.chain.own_model import OwnModel, own_signals, own_variables
 from wormopt.systems.chain.tables import ChainTable
 from wormopt.systems.shared.declared import CHAIN, CHAIN_SIGNALS, EVENTS, TIME, over
 from wormopt.systems.spiked import Shape
@@ -317,23 +317,12 @@ class Simulate(Study, kind="simulate"):
     @property
     def _own(self) -> dict[str, Variable]:
         """Every named state and output of a user's model."""
-        named = _own_signals(self.motion.system.model)
-        values = sample(
-            self.motion, {name: ca.vec(ca.densify(e)) for name, (e, _) in named.items()}
-        )
-        found = {}
-        for name, (_, quantity) in named.items():
-            rows = values[name]
-            alone = len(rows) == 1
-            dims = ("time",) if alone else (f"{name}_entry", "time")
-            unit = unit_of_signal(quantity, self.units)
-            found[name] = Variable(name, unit, dims, rows[0] if alone else rows, name)
-        return found
+        return own_variables([self.motion], own_signals(self.motion.system.model), self.units)
 
     @attributes
     def shown(self) -> dict[str, Any]:
         model = self.motion.system.model
-        names = [*(_SHOWN if self.worm else _own_signals(model))]
+        names = [*(_SHOWN if self.worm else own_signals(model))]
         if not model.contacts:
             names = [name for name in names if name != "contact_force"]
         return {
@@ -361,12 +350,3 @@ class Simulate(Study, kind="simulate"):
                 [self.motion], [self.recheck], self.tolerance.options, [self.energies]
             )
         return motion_facts([self.motion], [self.recheck], self.tolerance.options)
-
-
-def _own_signals(model: Model) -> dict[str, tuple[ca.SX, str]]:
-    """Expression and unit of every named state and output of a user's model."""
-    named = {s.name: (s.symbol, s.unit) for s in model.x}
-    named |= {o.name: (o.expression, o.unit) for o in model.outputs}
-    if model.contacts and "contact_force" not in named:
-        named["contact_force"] = (model.forces, "force")
-    return named
