@@ -182,7 +182,7 @@ class Crawl(Given):
 
     def optimum(self, plant: Model) -> Optimum:
         """Find the crawl with relaxed contact; SolveError if there is none."""
-        limits = CrawlLimits(period=self.period, force=self.force, length=self.length)
+        limits = CrawlLimits(period=self.period, actuator_force=self.force, length=self.length)
         problem = crawl_problem(plant, limits, Aim(maximise="speed", effort=self.input_weight))
         mesh = Mesh.even(1, self.arcs, Collocation(2, "radau"))
         relaxed = Complementarity(residual=1e-3, first=1.0)
