@@ -181,7 +181,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     pictures: ClassVar = {
         name: f"wormopt.systems.chain.pictures:{name}" for name in ("signals", "convergence")
-    }
+    } | {"animation": "wormopt.pictures.worms:animation"}
     wanted: ClassVar = ("convergence",)
     headline: ClassVar = (
         "speed",
@@ -204,10 +204,10 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         "limits.length, limits.actuator_force or limits.period",
     }
 
-    want: tuple[Literal["signals", "convergence"], ...] = entry(
-        "`signals`: signals over time; `convergence`: further solves with smoothed contact "
-        "and on finer grids, and their convergence to the exact answer (about half a minute "
-        "more)",
+    want: tuple[Literal["signals", "convergence", "animation"], ...] = entry(
+        "`signals`: signals over time; `animation`: the moving worm, as a GIF; `convergence`: "
+        "further solves with smoothed contact and on finer grids, and their convergence to the "
+        "exact answer (about half a minute more)",
         default=(),
     )
     worm: ChainTable = entry("the chain, with `friction` and without `random`")
