@@ -50,6 +50,8 @@ _NEARBY = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=300)
 _PHASE, _POLISH = Collocation(7), Ipopt(tolerance=1e-10, mu_init=1e-4, iterations=80)
 # Coarse optima whose objectives differ by a smaller share are the same one.
 _ALIKE = 1e-4
+# Exact optima worse by more than this share than that of the switches have other phases.
+_MISREAD = 1e-3
 # Relaxation that is small against the error of a grid.
 _TIGHT = Complementarity(1e-5, first=1e-2, ratio=0.03)
 # A start competes if its coarse objective is within this share of the best sharp one.
@@ -229,7 +231,7 @@ class Smoothed:
     def guess(self, task: CrawlTask) -> Guess:
         """Return the smooth optimum."""
         near = self.start.guess(task)
-        speed = speed_of(task, near)
+        speed = task.sized(speed_of(task, near)).x[1].nominal
         widths = Regularised(0.1 * speed, speed)
         return _coarse(task, near, widths).motion.guess
 
@@ -330,7 +332,7 @@ def _waves(task: CrawlTask) -> list[Wave]:
 def _score(task: CrawlTask, wave: Wave) -> float:
     """Objective of a wave, larger is better, less what exceeds the limits of lengths."""
     try:
-        near = replace(wave).guess(task)
+        near = wave.guess(task)
     except SolveError:
         return -math.inf
     masses, aim = task.worm.links + 1, task.objective
@@ -468,7 +470,8 @@ def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[flo
     if task.limits.tick is not None:
         best = _ticked(task, best)
     stages = {"complementarity": begun, "switches": best}
-    if (exact := polished(task, best, report)) is not None:
+    exact = polished(task, best, report)
+    if exact is not None and exact.objective <= best.objective + _MISREAD * abs(best.objective):
         stages["phases"] = exact
     return stages, objectives
 

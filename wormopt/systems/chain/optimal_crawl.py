@@ -57,6 +57,8 @@ _SHOWN = ("length", "velocity", "contact_force", "input")
 # Accepted end error of the simulation where contact is relaxed: on arcs that end at switches, and
 # on a grid.
 _ACCEPTED_AT_SWITCHES, _ACCEPTED_ON_GRID = 5e-3, 2e-2
+# A crawl slower than this share of the usual speed of its masses does not advance.
+_RESTS = 1e-4
 # Widths of the smoothed law that show its order of convergence.
 _WIDTHS = 5
 
@@ -105,17 +107,28 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     """Optimise the inputs of a chain that crawls on dry friction: fastest or cheapest.
 
     It finds the periodic inputs with which the chain crawls fastest, or at the least energy.
-    Velocities repeat after a period; positions advance by the same amount. Contact is exact dry
-    friction: a relaxed solve finds which masses rest when, a second solve optimises the switching
-    times, and an exact simulation repeats the motion with the inputs found. See
+    Velocities repeat after a cycle; positions advance by the same amount. A period is a whole
+    number of equal cycles; results describe one cycle, and `cycles` is their number in the shortest
+    period. Contact is dry friction. A coarse solve with relaxed contact from every start finds good
+    motions; in the best ones arcs end where contacts switch; a last solve prescribes the contact
+    modes found and is exact. An exact simulation repeats the motion with the inputs found. See
     [optimal.md](../optimal.md).
 
-    If the crawl repeats within the period, results describe a single cycle, and a warning gives the
-    number of cycles. If the relaxed motion shows no distinct phases, contact stays a
-    complementarity condition on a finer grid, and a warning says so.
+    If the exact solve fails or loses more than 0.1 %, the motion with arcs that end at switches is
+    the result, accurate to about a thousandth, and a warning says so.
 
-    `[mesh]` is the mesh of the relaxed solve, with 60 arcs by default; its `tolerance` is that of
-    the exact solve. The arrays contain the instants at which arcs join twice.
+    `[mesh]`: `arcs` is the number of arcs that end at switches, 24 by default; its `tolerance` is
+    that of the exact solve. The arrays contain the instants at which arcs join twice.
+
+    **Sensitivities.** The scalars `sensitivity.KEY` give the change of `objective`, which is
+    minimised, per unit of each number of `[limits]` and of `objective.speed`, for the same order of
+    rests; a key with one number per link has a list. They are multipliers of the last solve. A
+    limit that does not bind has 0. With `limits.tick` there is none of the period.
+    `limit_elasticity` is the relative sensitivity; the attribute `limits` holds the names.
+
+    **Bound.** Over a cycle, springs and masses keep their energy, so actuators give what dashpots
+    and the ground take. This bounds `objective` for every crawl within the limits of force, power,
+    rate and acceleration; see [optimal.md](../optimal.md#bound-of-crawls).
     """
 
     pictures: ClassVar = {
@@ -145,8 +158,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     want: tuple[Literal["signals", "convergence"], ...] = entry(
         "`signals`: signals over time; `convergence`: further solves with smoothed contact "
-        "and on finer grids, and their convergence to the exact answer (about half a minute "
-        "more)",
+        "and on finer grids, and their convergence to the exact answer",
         default=(),
     )
     worm: ChainTable = entry("the chain, with `friction` and without `random`")
@@ -235,7 +247,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     def solve(self) -> dict[str, Optimum]:
         """Solve with relaxed contact, then with arcs that end at switches, then with phases."""
         try:
-            return {name: one.optimum(self.task) for name, one in self.found[0].items()}
+            stages, _ = self.found
         except SolveError as error:
             if error.code != "not_solved":
                 raise
@@ -244,6 +256,22 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
                 "no crawl was found within limits.period, limits.actuator_force and limits.length"
             )
             raise SolveError(what, error.suggestion, error.partial, error.code) from None
+        optima = {name: one.optimum(self.task) for name, one in stages.items()}
+        self._refuse_rest([*optima.values()][-1].motion)
+        return optima
+
+    def _refuse_rest(self, motion: Motion) -> None:
+        """Raise SolveError if the best crawl stays where it is, or slides back."""
+        start, end = motion.states(np.array([0.0, motion.duration])).T
+        usual = motion.program.problem.model.x[1].nominal
+        if end[0] - start[0] > _RESTS * usual * motion.duration:
+            return
+        raise SolveError(
+            "no crawl within limits.period, limits.actuator_force and limits.length advances",
+            "write a larger limits.actuator_force, or less friction forward, load or slope",
+            motion,
+            "at_rest",
+        )
 
     @property
     def exact(self) -> bool:
@@ -452,13 +480,16 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     def doubts(self) -> Iterator[str]:
         if self.exact:
             yield from warnings_of_reading(self.optimisation.optima["switches"], self.optimum)
-        else:
-            why, part = "the motion shows no distinct phases", "hundred"
-            if self.robust is not None:
-                why, part = "several worms", "thousand"
+        elif self.single_chain:
             yield (
-                f"{why}: contact is a complementarity condition on a grid, so the motion is "
-                f"accurate to about one part in a {part}; speed_simulated is the speed of each "
+                "no exact motion with these switches was found: contact is a complementarity "
+                "condition on arcs that end at switches, so the motion is accurate to about one "
+                "part in a thousand; speed_simulated is the speed in the exact simulation"
+            )
+        else:
+            yield (
+                "several worms: contact is a complementarity condition on a grid, so the motion "
+                "is accurate to about one part in a hundred; speed_simulated is the speed of each "
                 "worm in the exact simulation"
             )
         if self.search.starts == 1:
