@@ -22,7 +22,7 @@ def shown(drawn: Figure, moves: Any, frame: int) -> tuple[list[float], np.ndarra
     axes = drawn.axes[0]
     fresh = [patch for patch in axes.patches if patch.get_gid() != "stays"]
     boxes = [patch for patch in fresh if isinstance(patch, Rectangle)]
-    surface = np.asarray(next(p for p in fresh if isinstance(p, Polygon)).get_xy())[:-3]
+    surface = np.asarray(next(p for p in fresh if isinstance(p, Polygon)).get_xy())[:-5]
     (body,) = axes.collections
     outline = np.asarray(body.get_paths()[0].vertices)
     return [box.get_x() + box.get_width() / 2 for box in boxes], surface.T, outline.T
@@ -160,7 +160,7 @@ def test_a_film_in_a_given_field_takes_its_thicknesses_in_turn(frame: int):
     film.animation_of_film.show(drawn, frame)
     (area,) = [patch for patch in drawn.axes[0].patches if patch.get_gid() != "stays"]
     assert isinstance(area, Polygon)
-    surface = np.asarray(area.get_xy())[:-3]
+    surface = np.asarray(area.get_xy())[:-5]
     time, xi = result["time"].values, result["xi"].values
     now = time[0] + (time[-1] - time[0]) * frame / 119
     heights = [np.interp(now, time, column) for column in result["thickness"].values.T]
