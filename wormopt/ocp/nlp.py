@@ -133,7 +133,6 @@ class Ipopt:
         if not self.rescale:
             start["ipopt.nlp_scaling_method"] = "none"
         return start | {
-            "expand": True,  # scalar expressions are three times as fast at these sizes
             "print_time": False,
             "error_on_fail": False,
             "show_eval_warnings": False,
@@ -196,10 +195,32 @@ class NonlinearProgram:
         self._solvers: dict[Solver, ca.Function] = {}
 
     @cached_property
+    def _shared(self) -> tuple[ca.Function, dict[str, Any]]:
+        """Scalar functions of the program, and its derivatives as options of IPOPT.
+
+        They take longer to make than a solver, and solvers differ in their options only.
+        """
+        arguments = [self._nlp[key] for key in ("x", "p")], [self._nlp[key] for key in ("f", "g")]
+        # scalar expressions are three times as fast at these sizes
+        program = ca.Function("nlp", *arguments, ["x", "p"], ["f", "g"]).expand()
+        seen = {"gamma": ["f", "g"]}
+        weighted = ["x", "p", "lam:f", "lam:g"]
+        return program, {
+            "grad_f": program.factory("nlp_grad_f", ["x", "p"], ["f", "grad:f:x"]),
+            "jac_g": program.factory("nlp_jac_g", ["x", "p"], ["g", "jac:g:x"]),
+            "hess_lag": program.factory("nlp_hess_l", weighted, ["triu:hess:gamma:x:x"], seen),
+        }
+
+    @cached_property
     def _linearise(self) -> ca.Function:
         """Objective, its gradient, constraints, their Jacobian."""
         w, p, f, g = (self._nlp[key] for key in ("x", "p", "f", "g"))
         return ca.Function("linearise", [w, p], [f, ca.gradient(f, w), g, ca.jacobian(g, w)])
+
+    def slopes(self, w: np.ndarray, bounds: Bounds, multipliers: np.ndarray) -> np.ndarray:
+        """Gradient (n_w,) of the Lagrangian without the bounds of variables."""
+        _, gradient, _, jacobian = self._linearise(w, bounds.p)
+        return np.asarray(gradient).ravel() + jacobian.sparse().T @ multipliers
 
     def violation(self, w: np.ndarray, bounds: Bounds) -> float:
         """Largest absolute violation of any bound on w or g, recomputed from the expressions."""
@@ -218,7 +239,10 @@ class NonlinearProgram:
 
     def _prepared(self, options: Solver) -> ca.Function:
         if options not in self._solvers:
-            self._solvers[options] = _solver(self._nlp, options)
+            program, derivatives = self._nlp, {}
+            if isinstance(options, Ipopt):
+                program, derivatives = self._shared
+            self._solvers[options] = _solver(program, options, derivatives)
         return self._solvers[options]
 
     def solve(self, w0: np.ndarray, bounds: Bounds, options: Solver) -> Solution:
@@ -360,10 +384,12 @@ class NonlinearProgram:
         return replace(solution, w=step[0], objective=objective, violation=violation), step[1]
 
 
-def _solver(nlp: dict[str, Any], options: Solver) -> ca.Function:
+def _solver(
+    nlp: dict[str, Any] | ca.Function, options: Solver, derivatives: dict[str, Any]
+) -> ca.Function:
     if not ca.has_nlpsol(options.name):
         raise ArgumentError(f"this CasADi has no NLP solver {options.name!r}; take 'ipopt'")
-    return ca.nlpsol("solver", options.name, nlp, options.as_casadi())
+    return ca.nlpsol("solver", options.name, nlp, options.as_casadi() | derivatives)
 
 
 @contextmanager

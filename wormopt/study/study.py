@@ -468,12 +468,16 @@ class Study(Given):
 
         return tuple(self._gathered("array", of, names))
 
+    def unit(self, quantity: str) -> str:
+        """Unit of a quantity in the results of this study."""
+        return unit_of(quantity, self.units) if quantity else "1"
+
     def with_unit(
         self, name: str, value: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
     ) -> Scalar:
         """Scalar of a declared name, or a Scalar itself."""
         quantity = (self.scalars if declared is None else declared).get(name, ("",))[0]
-        return value if isinstance(value, Scalar) else Scalar(value, _unit(quantity, self))
+        return value if isinstance(value, Scalar) else Scalar(value, self.unit(quantity))
 
     def variable(
         self, name: str, values: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
@@ -482,7 +486,7 @@ class Study(Given):
         if isinstance(values, Variable):
             return values
         quantity, dims, what = (self.variables if declared is None else declared)[name]
-        return Variable(name, _unit(quantity, self), tuple(dims), values, what)
+        return Variable(name, self.unit(quantity), tuple(dims), values, what)
 
     def _checks(self, names: Names = ()) -> list[Check]:
         def of(member: Member[Any], found: Any) -> Iterator[Check]:
@@ -604,7 +608,7 @@ class _Amount:
 
     def __format__(self, form: str) -> str:
         text = format(self._value, form) if form else brief(self._value)
-        unit = _unit(self._quantity, self._study)
+        unit = self._study.unit(self._quantity)
         return text if unit == "1" else f"{text} {unit}"
 
 
@@ -620,10 +624,6 @@ class _Values(dict[str, Any]):
         member = self._study.members.get(name)
         quantity = member.quantity if member else quantity_of(type(self._study), name)
         return _Amount(self._study, name, getattr(self._study, name), quantity)
-
-
-def _unit(quantity: str, study: Study) -> str:
-    return unit_of(quantity, study.units) if quantity else "1"
 
 
 def _has(study: type[Study], path: str) -> bool:

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
 from wormopt.errors import Fault, SceneError, SolveError
-from wormopt.progress import Report
-from wormopt.quantities import Scalar, unit_of
+from wormopt.quantities import Scalar, unit_of, unit_ratio
 from wormopt.result import Check, Result
 from wormopt.study import (
     Given,
+    array,
     arrays,
     attributes,
     checks,
@@ -49,32 +47,30 @@ with on_use():
 
     from wormopt.control.drive import drive
     from wormopt.model.model import Model
-    from wormopt.numerics.collocation import Collocation
-    from wormopt.ocp.contact import Complementarity, Regularised
-    from wormopt.ocp.mesh import Mesh
     from wormopt.ocp.motion import Guess, Motion
-    from wormopt.ocp.optimise import Optimum, optimise, optimise_multistart
+    from wormopt.ocp.optimise import Optimum
     from wormopt.ocp.problem import Problem
-    from wormopt.ocp.switching import optimise_switching_times, resting_speeds, structure_of
     from wormopt.simulation.simulate import simulate
     from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
-    from wormopt.systems.chain.dynamic import PERIODS, crawl_problem, sine_guess
+    from wormopt.systems.chain.crawl_limits import Slope, bound_of, slopes
+    from wormopt.systems.chain.crawl_search import (
+        Earlier,
+        Solved,
+        converging,
+        polyline,
+        search,
+        starts,
+    )
+    from wormopt.systems.chain.dynamic import PERIODS, crawl_problem
     from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
     from wormopt.systems.shared.optimum import ACCEPTED, modes_of, warnings_of_reading
     from wormopt.systems.shared.signals import chain_expressions
 
 _SIGNALS = INSTANT | over(CHAIN_SIGNALS, last="instant")
 _SHOWN = ("length", "velocity", "contact_force", "input")
-# Samples of a motion that determine its size and its cycles.
-_SAMPLES = 512
-# State polynomials between switches.
-_DEGREE = 7
-# Accepted end error of the simulation of a crawl with contact on a grid.
-_ACCEPTED_ON_GRID = 2e-2
-# Arcs of the finer grid where contact stays on a grid, against the first grid.
-_FINER = 2
-# Arcs that a phase needs to be seen, on average, and shorter periods that are tried.
-_ARCS_A_PHASE, _SHORTER = 3, 2
+# Accepted end error of the simulation where contact is relaxed: on arcs that end at switches, and
+# on a grid.
+_ACCEPTED_AT_SWITCHES, _ACCEPTED_ON_GRID = 5e-3, 2e-2
 # The least friction counts, but at least this share of the largest.
 _FRICTION = 1e-2
 # Largest input in nominal sizes.
@@ -89,22 +85,18 @@ class Search(Given):
     starts: int = whole(
         1,
         1000,
-        "number of starts; each is the last period of a simulation with different sine inputs",
-        default=1,
+        "number of starts: the best of simulated waves of forces, the optimum with smoothed "
+        "friction, the designed gait of a worm with spikes, another wave, random waves",
+        default=4,
     )
     seed: Seed = entry("seed of the starts", default=0)
     result: Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None = (
         entry(
-            "start from the crawl of an earlier result with the same number of links instead; "
+            "the first start is the crawl of an earlier result with the same number of links; "
             "path relative to the scene's folder",
             default=None,
         )
     )
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault for several starts with an earlier result."""
-        if self.result is not None and self.starts > 1:
-            yield "result", "gives a single start; leave out search.starts or search.result"
 
 
 class Robust(Given):
@@ -201,15 +193,15 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         "mode_sequence",
     )
     keys_of_names: ClassVar = {
-        "input": "limits.force",
-        "inputs": "limits.force",
+        "input": "limits.actuator_force",
+        "inputs": "limits.actuator_force",
         "states": "limits.length",
         "duration": "limits.period",
         "arcs": "mesh.arcs",
     }
     advice_by_code: ClassVar = {
         "not_solved": "write search.starts = 5, another number of mesh.arcs, or wider "
-        "limits.length, limits.force or limits.period",
+        "limits.length, limits.actuator_force or limits.period",
     }
 
     want: tuple[Literal["signals", "convergence", "animation"], ...] = entry(
@@ -221,7 +213,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     worm: ChainTable = entry("the chain, with `friction` and without `random`")
     limits: CrawlLimits = entry("limits of the crawl")
     objective: Aim = entry("objective of the crawl")
-    mesh: MeshTable = entry("mesh in time", default=MeshTable(arcs=60))
+    mesh: MeshTable = entry("mesh in time", default=MeshTable(arcs=24))
     search: Search = entry("starting points of the search", default=Search)
     robust: Robust | None = entry(
         "design for several chains; default: a single chain", default=None
@@ -230,6 +222,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows."""
         yield from self.worm.faults(1.0, self.units)
+        yield from self.limits.faults_for(self.worm.links)
         if self.worm.random is not None:
             yield (
                 "worm.random",
@@ -283,15 +276,13 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         factors = [draw_factors(own, self.robust.spread, random) for _ in range(self.robust.draws)]
         return [{}, *({name: own[name] * f for name, f in drawn.items()} for drawn in factors)]
 
-    def sized(self, near: Guess) -> Model:
-        """Scale the plant by the speed of a similar motion, and by friction.
+    def sized(self, speed: float) -> Model:
+        """Scale the plant by the usual size of velocities, and by friction.
 
         Masses and periods alone give forces that are too small by orders of magnitude for light
         worms.
         """
-        plant, masses, force = self.plant, self.worm.links + 1, self.limits.force
-        states = near.states(np.linspace(0.0, near.duration, _SAMPLES))
-        speed = float(np.sqrt(np.mean(states[masses : 2 * masses] ** 2)))
+        plant, force = self.plant, max(per(self.limits.actuator_force, self.worm.links))
         position, velocity = plant.x
         velocity = replace(velocity, nominal=max(speed, velocity.nominal / 10))
         held = [end for law in laws_of(self.worm) for end in law.stick_interval]
@@ -308,9 +299,9 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
             ],
         )
 
-    def problem(self, near: Guess) -> Problem:
-        """State the problem in the sizes of a similar motion."""
-        plant = self.sized(near)
+    def problem(self, speed: float) -> Problem:
+        """State the problem where velocities have this usual size."""
+        plant = self.sized(speed)
         if self.robust is None:
             return crawl_problem(plant, self.limits, self.objective)
         copies = scenario_model(plant, self.draws)
@@ -318,22 +309,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     # -- solving -----------------------------------------------------------------------------------
 
-    def guesses(self) -> Iterator[Guess]:
-        """Yield the earlier crawl, or motions under sine inputs.
-
-        The first sines have phases that run along the worm, the others random phases.
-        """
-        if self.search.result is not None:
-            yield self._earlier(self.search.result)
-            return
-        period, force = sum(self.limits.period_range) / 2, self.limits.force
-        for start in range(self.search.starts):
-            random = np.random.default_rng([self.search.seed, start])
-            phase = random.uniform(0, 2 * np.pi, self.worm.links) if start else None
-            share = random.uniform(0.3, 1.0) if start else 1.0
-            yield sine_guess(self.plant, period, share * force, phase, len(self.draws))
-
-    def _earlier(self, name: str) -> Guess:
+    def earlier(self, name: str) -> Guess:
         """Read the crawl of an earlier result; SceneError if it has none that fits."""
         try:
             earlier = Result.load(self.folder / name)
@@ -346,61 +322,32 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         if len(inputs) != self.worm.links:
             message = f"{name} has {len(inputs)} links; write a result with {self.worm.links}"
             raise SceneError(self.name, [("search.result", message)])
-        course = _polyline(t, inputs)
-        return Guess(float(t[-1]), _polyline(t, states), course, _polyline(t, forces))
+        return Guess(float(t[-1]), polyline(t, states), polyline(t, inputs), polyline(t, forces))
 
     @cached_property
-    def relaxed(self) -> tuple[Optimum, tuple[float, ...]]:
-        """The crawl with relaxed contact, and the objectives of all starts."""
-        starts = self.guesses()
-        first = next(starts)
-        mesh = Mesh.even(1, self.mesh.arcs, Collocation(self.mesh.degree, self.mesh.scheme))
-        starts = chain([first], starts)
-        return optimise_multistart(
-            self.problem(first), mesh, _only_phases(), starts, report=self.report
-        )
+    def found(self) -> tuple[dict[str, Solved], list[float]]:
+        """Optima of all stages by name, and the coarse objectives of all starts."""
+        name = self.search.result
+        first = starts(self) if name is None else [Earlier(name), *starts(self)]
+        return search(self, first[: self.search.starts])
+
+    @property
+    def found_sharp(self) -> Solved:
+        """The optimum whose arcs end at switches."""
+        return self.found[0]["switches"]
 
     def solve(self) -> dict[str, Optimum]:
-        """Solve with relaxed contact, then with free switching times, or on a finer grid."""
+        """Solve with relaxed contact, then with arcs that end at switches, then with phases."""
         try:
-            return self._solve(self.relaxed[0])
+            return {name: one.optimum(self) for name, one in self.found[0].items()}
         except SolveError as error:
             if error.code != "not_solved":
                 raise
             # the solver's messages on equations do not help the user
-            what = "no crawl was found within limits.period, limits.force and limits.length"
+            what = (
+                "no crawl was found within limits.period, limits.actuator_force and limits.length"
+            )
             raise SolveError(what, error.suggestion, error.partial, error.code) from None
-
-    def _solve(self, relaxed: Optimum) -> dict[str, Optimum]:
-        if self.robust is not None:
-            return {"complementarity": relaxed}
-        mesh, period = relaxed.motion.mesh, self.limits.period_range
-        for _ in range(_SHORTER):
-            cycles = cycles_of(relaxed.motion)
-            if _resolved(relaxed) or cycles == 1:
-                break
-            self.report(f"solving a period of 1/{cycles}", None)
-            guess = relaxed.motion.guess
-            guess = replace(guess, duration=guess.duration / cycles)
-            period = period[0] / cycles, period[1] / cycles
-            problem = replace(self.problem(guess), duration=period)
-            relaxed = optimise(problem, mesh, _only_phases(), guess, report=self.report)
-        if _resolved(relaxed):
-            self.report("polishing", 0.6)
-            with suppress(SolveError):
-                exact = optimise_switching_times(
-                    relaxed,
-                    collocation=Collocation(_DEGREE),
-                    tolerance=self.mesh.tolerance,
-                    report=self.report,
-                )
-                return {"complementarity": relaxed, "phases": exact}
-        self.report("solving on a finer grid", 0.7)
-        guess, grid = relaxed.motion.guess, Mesh.even(1, _FINER * mesh.total, mesh.collocation)
-        problem = replace(self.problem(guess), duration=period)
-        tight = Complementarity(residual=1e-4, first=1e-4)
-        fine = optimise(problem, grid, tight, guess, report=self.report)
-        return {"complementarity": relaxed, "grid": fine}
 
     @property
     def exact(self) -> bool:
@@ -410,7 +357,9 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     @property
     def accepted(self) -> float:
         """Largest accepted difference between the ends of the optimum and of its simulation."""
-        return ACCEPTED if self.exact else _ACCEPTED_ON_GRID
+        if self.exact:
+            return ACCEPTED
+        return _ACCEPTED_AT_SWITCHES if self.single_chain else _ACCEPTED_ON_GRID
 
     @property
     def defect(self) -> float:
@@ -485,6 +434,59 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         quantity = "acceleration" if self.objective.minimise else "speed"
         return Scalar(self.optimum.objective, unit_of(quantity, self.units))
 
+    @property
+    def cycles_in_period(self) -> int:
+        """Number of equal cycles in the shortest period."""
+        return self.limits.cycles_of(self.motion.duration)
+
+    @scalar("count", "equal cycles in the period; all else describes one of them")
+    def cycles(self) -> int:
+        return self.cycles_in_period
+
+    @stage
+    def sensitivity(self) -> list[Slope]:
+        return slopes(self, self.optimum, self.cycles_in_period)
+
+    @scalars({}, when="single_chain")
+    def derivatives(self) -> dict[str, Scalar]:
+        quantity = "acceleration" if self.objective.minimise else "speed"
+        values, quantities = dict[str, Any](), dict[str, str]()
+        for limit in self.sensitivity:
+            key = limit.name.partition("[")[0]
+            quantities[key] = limit.quantity
+            if "[" in limit.name:
+                values.setdefault(key, []).append(limit.derivative)
+            else:
+                values[key] = limit.derivative
+        return {
+            f"sensitivity.{key}": Scalar(v, unit_ratio(quantity, quantities[key], self.units))
+            for key, v in values.items()
+        }
+
+    @array("1", "limit", "relative sensitivity of the objective to the limit", when="single_chain")
+    def limit_elasticity(self) -> np.ndarray:
+        return np.array([limit.elasticity for limit in self.sensitivity])
+
+    @cached_property
+    def least(self) -> float | None:
+        """Bound on the objective of every crawl; None if there is none."""
+        return bound_of(self) if self.single_chain else None
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether there is a bound on the objective of every crawl."""
+        return self.least is not None
+
+    @scalar(
+        "speed",
+        "bound on `objective` for every crawl within the limits: over a cycle actuators give "
+        "what dashpots and ground take",
+        when="is_bounded",
+    )
+    def bound(self) -> Scalar | None:
+        quantity = "acceleration" if self.objective.minimise else "speed"
+        return None if self.least is None else Scalar(self.least, unit_of(quantity, self.units))
+
     # -- signals and convergence -------------------------------------------------------------------
 
     def expressions(self) -> Mapping[str, ca.SX]:
@@ -497,8 +499,16 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         return self.sampled
 
     @attributes
-    def in_the_picture(self) -> dict[str, list[str]]:
-        return {"signals": [*_SHOWN]}
+    def in_the_picture(self) -> dict[str, Any]:
+        if not self.single_chain:
+            return {"signals": [*_SHOWN]}
+        limits = {
+            "objective": self.objective.minimise or "speed",
+            "name": [limit.name for limit in self.sensitivity],
+            "value": [limit.value for limit in self.sensitivity],
+            "unit": [unit_of(limit.quantity, self.units) for limit in self.sensitivity],
+        }
+        return {"signals": [*_SHOWN], "limits": limits}
 
     @property
     def convergence_wanted(self) -> bool:
@@ -512,9 +522,8 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         if not self.exact:
             return f"{what}, so the motion does not show the phases"
         try:
-            relaxed, exact = self.optimisation.optima.values()
             with np.errstate(all="ignore"):
-                return converge(relaxed, exact, self.report)
+                return converge(self, self.optimum)
         except SolveError as error:
             return f"{what}: {error}"
 
@@ -535,15 +544,17 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         )
         limit = self.accepted * max(abs(speed), abs(kept))
         yield Check("speed after some periods", kept - speed, limit, advice)
+        if self.least is not None:
+            under = (self.least - self.optimum.objective) / (abs(self.least) or 1.0)
+            what = "the objective is below its bound, which is an error; please report this scene"
+            yield Check("objective under its bound", max(0.0, under), 1e-9, what)
         if self.convergence_wanted and isinstance(self.relaxed_limit, str):
             yield Check("relaxed contact not followed", 1.0, 0.0, self.relaxed_limit)
 
     @warnings
     def doubts(self) -> Iterator[str]:
         if self.exact:
-            yield from warnings_of_reading(
-                self.optimisation.optima["complementarity"], self.optimum
-            )
+            yield from warnings_of_reading(self.optimisation.optima["switches"], self.optimum)
         else:
             why, part = "the motion shows no distinct phases", "hundred"
             if self.robust is not None:
@@ -552,13 +563,6 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
                 f"{why}: contact is a complementarity condition on a grid, so the motion is "
                 f"accurate to about one part in a {part}; speed_simulated is the speed of each "
                 "worm in the exact simulation"
-            )
-        period = self.motion.duration
-        if (cycles := math.ceil(self.limits.period_range[0] / period - 1e-6)) > 1:
-            yield (
-                "the crawl repeats within limits.period: time, advance and signals describe one "
-                f"of {cycles} cycles, with a duration of {cycles * period:.6g}; a smaller force, "
-                "or a larger objective.effort, gives slower cycles"
             )
         if self.search.starts == 1:
             yield (
@@ -569,34 +573,11 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @facts
     def of_search(self) -> dict[str, Any]:
-        found = {"starts": [*self.relaxed[1]]}
+        found = {"starts": self.found[1]}
         return found | assumed(self.units) if self.single_chain else found
 
 
 # -- motions ---------------------------------------------------------------------------------------
-
-
-def _only_phases() -> Complementarity:
-    """Relaxation, in usual speeds times usual forces, that only has to show the phases."""
-    return Complementarity(residual=1e-3, first=1.0)
-
-
-def _resolved(relaxed: Optimum) -> bool:
-    """Whether the mesh is fine enough to show the phases of a motion."""
-    speed = resting_speeds(relaxed)[0]
-    phases = len(structure_of(relaxed.motion, speed=speed).durations)
-    return _ARCS_A_PHASE * phases <= relaxed.motion.mesh.total
-
-
-def cycles_of(motion: Motion) -> int:
-    """Return the number of cycles in a period: the harmonic in which lengths change most."""
-    t = np.arange(_SAMPLES) / _SAMPLES * motion.duration
-    power = np.sum(np.abs(np.fft.rfft(motion.output("length", t))) ** 2, axis=0)
-    return 1 + int(np.argmax(power[1:]))
-
-
-def _polyline(t: np.ndarray, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda at: np.array([np.interp(at, t, row) for row in rows])
 
 
 def work_of(motion: Motion) -> float:
@@ -611,20 +592,10 @@ def work_of(motion: Motion) -> float:
 # -- convergence of relaxed contact ----------------------------------------------------------------
 
 
-def converge(relaxed: Optimum, exact: Optimum, report: Report) -> Convergence:
+def converge(study: OptimalCrawl, exact: Optimum) -> Convergence:
     """Solve again with narrower laws and on finer grids, from the same local optimum."""
-    problem, arcs = exact.motion.program.problem, relaxed.motion.mesh.total
-    speed, best = problem.model.contacts[0].nominal_speed, exact.objective
-    widths = Regularised(v_reg=0.4**6 * speed, first=speed, ratio=0.4)
-    report("smoothed contact", 0.7)
-    fine = Mesh.even(1, 2 * arcs, Collocation(3, "radau"))
-    smoothed = optimise(problem, fine, widths, relaxed.motion.guess)
-    tight = Complementarity(1e-5, first=1.0)  # small against the error of the grid
-    on_grids: list[Optimum] = []
-    for k, n in enumerate((arcs // 2, arcs, 2 * arcs, 4 * arcs)):
-        report("complementarity on finer grids", 0.8 + k / 20)
-        grid = Mesh.even(1, n, Collocation(2, "radau"))
-        on_grids.append(optimise(problem, grid, tight, relaxed.motion.guess))
+    smoothed, *on_grids = (one.optimum(study) for one in converging(study))
+    best = exact.objective
     levels = smoothed.levels[-_WIDTHS:]
     width = np.array([level.level for level in levels])
     by_width = np.array([level.objective for level in levels])

@@ -124,7 +124,7 @@ class Ridden:
                 found.append(float(last[i] - middle[i]) / (end / 2))
             elif len(times) > 1:
                 places = self.motion.at(np.array([times[0], times[-1]]))["position"][i]
-                found.append(mean_velocity(places, len(times) - 1, times))
+                found.append(mean_velocity(places, (times[0], times[-1])))
             else:
                 found.append(None)
         return found
