@@ -22,7 +22,7 @@ def shown(drawn: Figure, moves: Any, frame: int) -> tuple[list[float], np.ndarra
     axes = drawn.axes[0]
     fresh = [patch for patch in axes.patches if patch.get_gid() != "stays"]
     boxes = [patch for patch in fresh if isinstance(patch, Rectangle)]
-    surface = next(patch for patch in fresh if isinstance(patch, Polygon)).get_xy()[:-3]
+    surface = np.asarray(next(p for p in fresh if isinstance(p, Polygon)).get_xy())[:-5]
     (body,) = axes.collections
     outline = np.asarray(body.get_paths()[0].vertices)
     return [box.get_x() + box.get_width() / 2 for box in boxes], surface.T, outline.T
@@ -80,8 +80,9 @@ def test_the_field_that_makes_the_wave_is_drawn_below_it():
     result: Result = sample("floats")
     drawn = figure(result, "animation", width=85)
     film.animation.show(drawn, 30)
-    areas = [patch.get_xy() for patch in drawn.axes[0].patches if patch.get_gid() != "stays"]
-    below = [area for area in areas if isinstance(area, np.ndarray) and area[:, 1].max() < 0]
+    patches = [patch for patch in drawn.axes[0].patches if patch.get_gid() != "stays"]
+    areas = [np.asarray(patch.get_xy()) for patch in patches if isinstance(patch, Polygon)]
+    below = [area for area in areas if area[:, 1].max() < 0]
     assert len(below) == 1
     assert below[0][:, 1].max() == pytest.approx(-0.1, abs=0.02)
     assert len(drawn.axes[0].collections) == len(result.attributes["lengths"])
@@ -150,3 +151,18 @@ def test_the_ground_moves_under_a_worm_that_goes_far():
 def test_a_motion_that_was_not_computed_is_named():
     with pytest.raises(wo.UnknownNameError, match="position"):
         figure(Result("far", "simulate"), "animation")
+
+
+@pytest.mark.parametrize("frame", [0, 40, 119])
+def test_a_film_in_a_given_field_takes_its_thicknesses_in_turn(frame: int):
+    result = sample("forward")
+    drawn = figure(result, "animation", width=85)
+    film.animation_of_film.show(drawn, frame)
+    (area,) = [patch for patch in drawn.axes[0].patches if patch.get_gid() != "stays"]
+    assert isinstance(area, Polygon)
+    surface = np.asarray(area.get_xy())[:-5]
+    time, xi = result["time"].values, result["xi"].values
+    now = time[0] + (time[-1] - time[0]) * frame / 119
+    heights = [np.interp(now, time, column) for column in result["thickness"].values.T]
+    assert np.allclose(surface[:-1], np.column_stack([xi / np.pi, heights]))
+    assert np.allclose(surface[-1], [2.0, heights[0]])

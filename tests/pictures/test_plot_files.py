@@ -153,6 +153,7 @@ def test_an_animation_moves_in_a_notebook_and_a_still_picture_does_not(
     short = dataclasses.replace(worms.animation, frames=3)
     monkeypatch.setattr(worms, "animation", short)
     shown = sample("animation").plot("animation")._repr_html_()  # type: ignore[attr-defined]
+    assert shown is not None
     found = re.fullmatch(r'<img src="data:image/svg\+xml;base64,([^"]*)" alt="[^"<>]*">', shown)
     assert found is not None
     assert b'class="frame f2"' in b64decode(found[1])

@@ -288,14 +288,15 @@ class FilmForward(Study, kind="film-forward"):
     pictures: ClassVar = {
         "forward": "wormopt.systems.film.pictures:forward",
         "basins": "wormopt.systems.film.pictures:basins",
+        "animation": "wormopt.systems.film.pictures:animation_of_film",
     }
     headline: ClassVar = (
         "outcome", "distance_to_wave", "distance_to_steady", "growth_rate_max", "growth_rate_end",
     )  # fmt: skip
 
-    want: tuple[Literal["forward", "basins"], ...] = entry(
+    want: tuple[Literal["forward", "basins", "animation"], ...] = entry(
         "`forward`: thickness over phase and time, film, field, eigenvalues, branches; "
-        "`basins`: the map",
+        "`basins`: the map; `animation`: the film, as a moving GIF",
         default=(),
     )
     film: Film = entry("prescribed wave, and surface tension above 0")
