@@ -133,22 +133,25 @@ def judge(seed: int, folder: Path, **changes: Any) -> dict[str, Any]:
     number = {name: one.value for name, one in result.scalars.items()}
     limits = wo.Limits(**GAIT)
     spring = worm.stiffness * 0.015 + worm.damping * 0.15
-    true = limits.vary(
+    known = limits.vary(
         spike_load=worm.forward + worm.backward, actuator_force=GAIT["actuator_force"] - spring
     )
     plant = wo.Worm(worm.links, tuple(worm.mass.tolist()), worm.drag, worm.forward)
-    best = wo.design(plant, true, search=Search(effort="quick", workers=1))
+    best = wo.design(plant, known, search=Search(effort="quick", workers=1))
     own = play(worm.rubbing, lengths_of(best.gait.breaks, best.gait.polynomial))
     mine = play(
         worm.rubbing, lengths_of(result["gait_breaks"].values, result["gait_polynomial"].values)
     )
-    errors = {
-        name: (number[name] - getattr(worm, name)) / number[f"{name}_error"]
-        for name in ("forward", "backward")
+    names = ("forward", "backward")
+    true = {name: getattr(worm, name) for name in names}
+    inside = {
+        name: number[f"{name}_interval"][0] <= true[name] <= number[f"{name}_interval"][1]
+        for name in names
     }
+    open_above = number["backward_interval"][1] > 2 * number["backward"]
     return {
         "seed": seed, "links": worm.links, "pushed": worm.pushed, "status": result.status,
-        "off": errors, "relative": number["forward_error"] / worm.forward,
+        "inside": inside, "open": open_above, "relative": number["forward_error"] / worm.forward,
         "widths": [w / worm.forward for w in number["load_width"]],
         "speed": mine.speed, "told": number["speed"], "best": own.speed, "best_told": best.speed,
         "excess": excess(worm, mine), "cpu": time.process_time() - begun,
@@ -161,7 +164,7 @@ def lengths_of(breaks: Array, polynomial: Array) -> Lengths:
 
 
 def excess(worm: Drawn, motion: Played) -> dict[str, float]:
-    """By how much a motion exceeds its limits, relative to each; slips are in widths of friction."""
+    """By how much a motion exceeds limits, relative to each; slips are in widths of friction."""
     u = (
         worm.stiffness * (motion.length - REST) + worm.damping * motion.rate - motion.link_force
     )  # fmt: skip

@@ -22,10 +22,9 @@ from PIL import Image, ImageSequence
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.files import sealed
-from wormopt.pictures import draw, figure, save, shortened
+from wormopt.pictures import draw, figure, save, shortened, worms
 from wormopt.result import Result
 from wormopt.systems.channel import pictures as rod
-from wormopt.systems.spiked import pictures as spiked
 
 
 def test_missing_variables_are_named_and_leave_no_file(tmp_path: Path):
@@ -50,8 +49,8 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
 
 
 def test_the_animation_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    short = dataclasses.replace(spiked.animation, frames=12)  # of 72
-    monkeypatch.setattr(spiked, "animation", short)
+    short = dataclasses.replace(worms.animation, frames=12)  # of 120
+    monkeypatch.setattr(worms, "animation", short)
     path = tmp_path / "animation.gif"
     draw(sample("animation"), "animation", path, width=50)
     assert path.stat().st_size < 2_000_000
@@ -123,8 +122,8 @@ def drawn_at(root: ElementTree.Element, frame: str) -> list[dict[str, str]]:
 
 def test_a_picture_that_moves_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Every frame is as `show` draws it, and is shown for its share of the time."""
-    short = dataclasses.replace(spiked.animation, frames=6)  # of 72
-    monkeypatch.setattr(spiked, "animation", short)
+    short = dataclasses.replace(worms.animation, frames=6)  # of 120
+    monkeypatch.setattr(worms, "animation", short)
     result = sample("animation")
     draw(result, "animation", tmp_path / "a.svg", width=85)
     text = (tmp_path / "a.svg").read_text("utf-8")
@@ -151,9 +150,10 @@ def test_a_picture_that_moves_by_itself(tmp_path: Path, monkeypatch: pytest.Monk
 def test_an_animation_moves_in_a_notebook_and_a_still_picture_does_not(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    short = dataclasses.replace(spiked.animation, frames=3)
-    monkeypatch.setattr(spiked, "animation", short)
+    short = dataclasses.replace(worms.animation, frames=3)
+    monkeypatch.setattr(worms, "animation", short)
     shown = sample("animation").plot("animation")._repr_html_()  # type: ignore[attr-defined]
+    assert shown is not None
     found = re.fullmatch(r'<img src="data:image/svg\+xml;base64,([^"]*)" alt="[^"<>]*">', shown)
     assert found is not None
     assert b'class="frame f2"' in b64decode(found[1])
@@ -174,7 +174,7 @@ def test_mp4_is_made_by_ffmpeg_or_refused(tmp_path: Path, monkeypatch: pytest.Mo
     draw(sample("animation"), "animation", tmp_path / "a.mp4", width=85)
     size, length = (tmp_path / "a.mp4").read_text().split()
     across, down = map(int, size.split("x"))
-    assert int(length) == 72 * across * down * 4
+    assert int(length) == 120 * across * down * 4
     assert across % 2 == down % 2 == 0  # as the codec wants
 
 

@@ -143,6 +143,13 @@ def test_a_design_is_drawn(things: dict[str, Any], picture: str):
         things["design"].plot("limits")
 
 
+def test_a_design_moves(things: dict[str, Any]):
+    drawn = things["design"].plot("animation")
+    circles = [line for line in drawn.axes[0].lines if line.get_marker() == "o"]
+    assert len(circles) == 2
+    assert drawn.moves.frames > 2
+
+
 @pytest.mark.parametrize(
     ("value", "shown"),
     [

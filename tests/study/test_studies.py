@@ -35,9 +35,9 @@ SCENES = {kind: name for kind, (_, name) in quickest().items()}
 SLOW = {kind for kind, (seconds, _) in quickest().items() if seconds > QUICK}
 
 
-def marked(kind: str, *more: str) -> Any:
+def marked(kind: str, *more: str, slow: bool = False) -> Any:
     """Parameters of a test of a kind."""
-    marks = [pytest.mark.slow] if kind in SLOW else []
+    marks = [pytest.mark.slow] if slow or kind in SLOW else []
     return pytest.param(kind, *more, marks=marks, id="-".join((kind, *more)))
 
 
@@ -78,10 +78,17 @@ def once(kind: str, name: str, compute: Callable[[Any], Any]) -> Callable[[Any],
     return kept
 
 
-@pytest.mark.parametrize("how", FAILING)
-@pytest.mark.parametrize(
-    ("kind", "stage"), [marked(kind, stage) for kind in SCENES for stage in stages(kind)]
-)
+def broken_stages() -> list[Any]:
+    """Every stage of every kind, broken in all ways; fast tests take one way of each, in turn."""
+    every = [(kind, stage) for kind in SCENES for stage in stages(kind)]
+    return [
+        marked(kind, stage, how, slow=k % len(FAILING) != n)
+        for k, (kind, stage) in enumerate(every)
+        for n, how in enumerate(FAILING)
+    ]
+
+
+@pytest.mark.parametrize(("kind", "stage", "how"), broken_stages())
 def test_a_stage_that_does_not_end_leaves_a_result(
     study: type[Study],
     kind: str,

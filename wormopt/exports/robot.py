@@ -124,7 +124,7 @@ def _spiked(result: Result, table: Any) -> Robot:
     return replace(robot, displacement=displacement, **_started(result))
 
 
-def _rubbing(result: Result, table: Any) -> Robot:
+def _rubbing(result: Result, _: Any) -> Robot:
     found = {name: one.value for name, one in result.scalars.items()}
     mass, gait = found["mass_found"], ExportedGait.of(result).gait
     worm = Worm(len(mass) - 1, tuple(mass), found["drag_found"])

@@ -313,9 +313,10 @@ class Panel:
 
     def filled(self, x: np.ndarray, y: np.ndarray, color: str, low: float = 0.0, **style: Any
                ) -> None:  # fmt: skip
-        """Fill the area from a level up to a curve, whose points are written once."""
-        ends = np.array([low, low])
-        (area,) = self.axes.fill(np.append(x, x[[-1, 0]]), np.append(y, ends), color, **style)
+        """Fill the area from a level up to a curve across the axes; its sides are beyond them."""
+        left, right = x[0] - np.ptp(x), x[-1] + np.ptp(x)
+        across = np.append(x, [right, right, left, left])
+        (area,) = self.axes.fill(across, np.append(y, [y[-1], low, low, y[0]]), color, **style)
         area.set_linewidth(style.get("linewidth", 0.0))
 
     def level(

@@ -15,9 +15,10 @@ from wormopt.result import Check
 from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.numerics import TimeSpan, ToleranceTable
 from wormopt.study.types import Pair, Title, wrong_order
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 from wormopt.systems.chain.hardware import Hardware
 from wormopt.systems.chain.predictive import DrawnPlants
-from wormopt.systems.chain.tables import Aim, CrawlLimits, Tube
+from wormopt.systems.chain.tables import Tube
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.spiked import Shape
 
@@ -182,7 +183,7 @@ class Crawl(Given):
 
     def optimum(self, plant: Model) -> Optimum:
         """Find the crawl with relaxed contact; SolveError if there is none."""
-        limits = CrawlLimits(period=self.period, force=self.force, length=self.length)
+        limits = CrawlLimits(period=self.period, actuator_force=self.force, length=self.length)
         problem = crawl_problem(plant, limits, Aim(maximise="speed", effort=self.input_weight))
         mesh = Mesh.even(1, self.arcs, Collocation(2, "radau"))
         relaxed = Complementarity(residual=1e-3, first=1.0)

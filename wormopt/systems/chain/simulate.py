@@ -157,10 +157,13 @@ class Simulate(Study, kind="simulate"):
     pictures: ClassVar = {
         "motion": "wormopt.systems.chain.pictures:motion",
         "signals": "wormopt.systems.chain.pictures:signals",
+        "animation": "wormopt.pictures.worms:animation",
     }
 
-    want: tuple[Literal["motion", "signals"], ...] = entry(
-        "`signals`: signals over time; `motion`, of a chain: paths with time upward", default=()
+    want: tuple[Literal["motion", "signals", "animation"], ...] = entry(
+        "`signals`: signals over time; `motion`, of a chain: paths with time upward; `animation`, "
+        "of a chain: the moving masses, as a GIF",
+        default=(),
     )
     worm: ChainTable | None = entry("the chain", default=None)
     start: Start | None = entry("initial state of the chain; default: at rest length", default=None)
@@ -197,8 +200,9 @@ class Simulate(Study, kind="simulate"):
                     key,
                     f"applies to [worm] only, since a model defines its own {key}; leave it out",
                 )
-        if "motion" in self.want:
-            yield "want", '"motion" needs a chain; write "signals" for a model'
+        for word in ("motion", "animation"):
+            if word in self.want:
+                yield "want", f'"{word}" needs a chain; write "signals" for a model'
         yield from model.faults_in(self.folder)
 
     # -- models ------------------------------------------------------------------------------------

@@ -149,12 +149,13 @@ class Track(Tracking, kind="track"):
 
     pictures: ClassVar = {
         name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion", "bands")
-    }
+    } | {"animation": "wormopt.pictures.worms:animation"}
 
-    want: tuple[Literal["trackers", "motion", "bands"], ...] = entry(
+    want: tuple[Literal["trackers", "motion", "bands", "animation"], ...] = entry(
         "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
         "figures 5 to 8 of Zimmermann et al. 2007); `motion`: paths with time upward, thick "
-        "where a mass rests; with `[ensemble]` `bands` instead",
+        "where a mass rests; `animation`: the moving worms, as a GIF; with `[ensemble]` `bands` "
+        "instead",
         default=(),
     )
     tracker: Tracker | tuple[Tracker, ...] = entry(
@@ -184,7 +185,7 @@ class Track(Tracking, kind="track"):
             yield "want", '"bands" needs an ensemble; write [ensemble] members = 200'
         if self.ensemble is not None and (self.worm is None or self.worm.random is None):
             yield "ensemble", "would have equal members; write [worm.random]"
-        for word in ("trackers", "motion"):
+        for word in ("trackers", "motion", "animation"):
             if self.ensemble is not None and word in self.want:
                 message = f'"{word}" shows a single worm; write "bands", or leave out [ensemble]'
                 yield "want", message

@@ -101,7 +101,7 @@ class TrackOptimal(Tracking, kind="track-optimal"):
 
     pictures: ClassVar = {
         name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion")
-    }
+    } | {"animation": "wormopt.pictures.worms:animation"}
     headline: ClassVar = (
         "objective",
         "capture_time",
@@ -111,9 +111,9 @@ class TrackOptimal(Tracking, kind="track-optimal"):
         "distance",
     )
 
-    want: tuple[Literal["trackers", "motion"], ...] = entry(
+    want: tuple[Literal["trackers", "motion", "animation"], ...] = entry(
         "`trackers`: lengths with the *λ*-strip, error, input, motion; `motion`: paths with "
-        "time upward, thick where a mass rests",
+        "time upward, thick where a mass rests; `animation`: the moving worms, as a GIF",
         default=(),
     )
     tube: Tube = entry("tube around the reference")

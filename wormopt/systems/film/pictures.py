@@ -283,7 +283,7 @@ def floats(result: Result) -> Figure:
 
 
 def _floating(
-    panel: Panel, place: np.ndarray, middles: Sequence[float], lengths: Sequence[float], time: float
+    panel: Panel, place: np.ndarray, middles: ArrayLike, lengths: Sequence[float], time: float
 ) -> None:
     """Draw film and bodies at a time; positions and lengths in wavelengths."""
     page, across, high = panel.page, _depth(panel.page), _high(panel.page)
@@ -292,7 +292,7 @@ def _floating(
         return np.interp(_phase(page, time, x), page["xi"], page["height"]) / across
 
     panel.filled(place, film(place), _WATER, edgecolor=LINKS[0], linewidth=1.3, zorder=1)
-    for i, (middle, length) in enumerate(zip(middles, lengths, strict=True)):
+    for i, (middle, length) in enumerate(zip(np.asarray(middles), lengths, strict=True)):
         half = max(length, _SHORT) / 2
         under = np.linspace(middle - half, middle + half, 41)
         low = np.zeros(41) if page.result.attributes.get("on") == "ground" else film(under)
@@ -470,6 +470,37 @@ def forward(result: Result) -> Figure:
         tension_number="surface tension $W$", growth_rate_max="largest growth rate",
     )  # fmt: skip
     return page.drawn
+
+
+def _stage_forward(result: Result) -> Page:
+    """Draw the prescribed film, and the field below; heights are stretched."""
+    page = Page(result, 2.3, 1.9)
+    panel, top = page.panel(), 1.1 * float(page["thickness"].max())
+    xi, field = _closed(page, "field_pressure")
+    low, least, most = -0.5 * top, float(field.min()), float(field.max()) or 1.0
+    share = (field - least) / ((most - least) or 1.0)
+    panel.filled(xi, low * (0.9 - 0.75 * share), _FIELD, 0.9 * low)
+    if "thickness_wave" in page:
+        panel.curve(*_closed(page, "thickness_wave"), color="black", ls=DASHES[1], lw=1, zorder=4)
+    panel.level(0, color="black", ls="-", lw=1)
+    panel.scenery(equal=False)
+    panel.axes.set(xlim=(0, 2), ylim=(low, top))
+    panel.axes.set_yticks([tick for tick in panel.axes.get_yticks() if 0 <= tick < top])
+    panel.axes.set_title("dashed: the prescribed film; orange: $H^2$", loc="right")
+    panel.label(r"phase $\xi$ ($\pi$ rad)", "thickness $h$")
+    return page
+
+
+def _pose_forward(panel: Panel, frame: int) -> None:
+    page, t = panel.page, panel.page["time"]
+    now = t[0] + (t[-1] - t[0]) * frame / (animation_of_film.frames - 1)
+    h = np.array([np.interp(now, t, column) for column in page["thickness"].T])
+    xi = np.append(page["xi"] / math.pi, 2.0)
+    panel.filled(xi, np.append(h, h[0]), _WATER, edgecolor=LINKS[0], linewidth=1.3, zorder=2)
+    panel.above(f"{now / _TURN:.2f} periods")
+
+
+animation_of_film = Animation(120, _stage_forward, _pose_forward)
 
 
 def _closed(page: Page, name: str) -> tuple[np.ndarray, np.ndarray]:

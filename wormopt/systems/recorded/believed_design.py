@@ -130,6 +130,10 @@ class BelievedDesign(Study):
         """Parameters of the real worm, in the order of `Believed.numbers`."""
         raise NotImplementedError
 
+    def in_own_words(self, error: SolveError) -> SolveError:
+        """Rewrite the error of a design with what the kind calls its limits."""
+        return error
+
     # -- the design --------------------------------------------------------------------------------
 
     @stage
@@ -141,7 +145,7 @@ class BelievedDesign(Study):
                 believed, self.limits, objective, self.confidence, search, self.report
             )
         except SolveError as error:
-            raise with_keys(error, self) from None
+            raise self.in_own_words(with_keys(error, self)) from None
 
     @stage
     def second_route(self) -> DesignReport:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
@@ -26,14 +27,17 @@ from wormopt.study import (
 from wormopt.study.scene import Scene, load_scene
 from wormopt.systems.recorded.believed_design import BelievedDesign
 from wormopt.systems.recorded.fit import FitRecordings
+from wormopt.systems.recorded.found import label_of
 from wormopt.systems.recorded.tables import SceneTables, scene_of
 from wormopt.systems.shared.gravity import assumed
 from wormopt.systems.spiked import Objective, Worm, WormlessDesignTable, faults_of_limits
 
 with on_use():
     import numpy as np
+    from scipy.special import fdtr, fdtri
 
     from wormopt.fitting.estimate import Fit
+    from wormopt.fitting.profile import Profile, profile
     from wormopt.model.model import Model
     from wormopt.systems.spiked import Believed, Limits
 
@@ -52,7 +56,7 @@ _ASSUMED = {
 
 
 @dataclass(frozen=True)
-class WornWorm:
+class FoundWorm:
     """The fitted worm and the forces along its gait, with the estimates."""
 
     mass_found: list[float] = value("mass", "masses, head first, fitted or given")
@@ -88,9 +92,9 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
     and no actuator needs more than `gait.actuator_force`.
 
     The sliding friction forward loads every mass, and a resting mass carries at most the sum of its
-    friction forward and backward. The gait is therefore that of kind [`gait-design`](gait-design.md)
-    for this load and this `spike_load`; results of the gait, such as `spike_load_max` and `lambda`,
-    contain the friction forward. `held` is the force of the ground itself. Theory:
+    friction forward and backward. The gait is that of kind [`gait-design`](gait-design.md) for this
+    load and this `spike_load`. Results such as `spike_load_max` and `lambda_max` therefore contain
+    the friction forward; `held` is the force of the ground itself. Theory:
     [dry ground](../theory-kinematic.md#9-gaits-on-dry-ground). Guide:
     [fit friction from a video](../howto/fit-friction-from-a-video.md).
 
@@ -114,8 +118,7 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "holding": "wormopt.systems.recorded.pictures:holding",
-        "recordings": "wormopt.systems.recorded.pictures:recordings",
+        "holding": "wormopt.systems.recorded.holding:holding",
         "gait": "wormopt.systems.spiked.pictures:gait",
         "motion": "wormopt.systems.spiked.pictures:motion",
     }
@@ -126,7 +129,7 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         default=(),
     )
     fit: SceneTables = entry(
-        "the fit: a scene of kind `fit`, by `scene` with other keys that change it, or by its tables"
+        "a scene of kind `fit`: `scene`, its file, with other keys that change it; or its tables"
     )
     objective: Objective = entry("the objective")
     confidence: float = number(
@@ -212,17 +215,26 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
     @stage
     def fitting(self) -> Fit:
         study = self.study
-        for k, one in enumerate(study.task.coordinates):
-            if one.run is not None and set(one.directions) & {*_CHAIN, *_SPRINGS}:
-                what = f"{study.task.names[k]} is fitted for each run; the gait needs one value"
-                raise SceneError(self.name, [("fit.unknown", f"{what}: remove per_run")])
         study.part_of(self)
+        try:
+            coordinates = study.task.coordinates
+        except SceneError as error:
+            faults = [(f"fit.{key}".removesuffix("."), what) for key, what in error.faults]
+            raise SceneError(self.name, faults) from None
+        for one in coordinates:
+            if one.run is not None and set(one.directions) & {*_CHAIN, *_SPRINGS}:
+                what = f"{one.name} is fitted for each run, but the gait needs one value"
+                raise SceneError(self.name, [("fit.unknown", f"{what}; remove per_run")])
         return study.estimation
 
     @scalars({})
     def estimates(self) -> dict[str, Scalar]:
         _ = self.fitting
-        return self.study.found.scalars
+        found = dict(self.study.found.scalars)
+        for name, one in (self.profiling if self.converged else {}).items():
+            label = f"{label_of(name)}_interval"
+            found[label] = Scalar(_interval(one, self.fitting, self.study.level), found[label].unit)
+        return found
 
     @cached_property
     def _parameters(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -238,8 +250,51 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
                     slopes[name][:, k] = one.slope(fitted.theta[k]) * direction
         return values, slopes
 
+    @property
+    def friction_names(self) -> list[str]:
+        """Names of the estimates that friction depends on."""
+        known = np.isfinite(np.diag(self.fitting.covariance))
+        pairs = zip(self.fitting.task.coordinates, known, strict=True)
+        rubs = {"friction_forward", "friction_backward"}
+        return [one.name for one, finite in pairs if finite and rubs & set(one.directions)]
+
+    @stage
+    def profiling(self) -> Mapping[str, Profile]:
+        """Profiles of the friction, to the size of the ellipsoid."""
+        first, names = self._by_curvature, self.friction_names
+        if not names:
+            return {}
+        level = float(fdtr(1, min(first.freedom, 1e9), first.reach(self.confidence) ** 2))
+        return profile(self.fitting, names, level=level, report=self.report)
+
+    @cached_property
+    def widened(self) -> np.ndarray:
+        """Factor of each estimate's error by its profile; infinite where readings do not bound it.
+
+        More friction backward than estimated breaks no limit, so only its lower end counts.
+        """
+        fitted = self.fitting
+        reached = self._by_curvature.reach(self.confidence) * np.sqrt(np.diag(fitted.covariance))
+        found = np.ones(len(fitted.theta))
+        for name, one in self.profiling.items():
+            k = fitted.names.index(name)
+            coordinate = fitted.task.coordinates[k]
+            ends = np.where(one.open, [-np.inf, np.inf], one.interval)
+            if coordinate.log:
+                ends = np.log(ends, where=ends > 0, out=np.full(2, -np.inf))
+            sides = np.abs(ends - fitted.theta[k]) / reached[k]
+            only_backward = set(coordinate.directions) == {"friction_backward"}
+            found[k] = max(1.0, *(sides[:1] if only_backward else sides))
+        return found
+
     @cached_property
     def believed(self) -> Believed:
+        """The worm with errors as wide as its profiles."""
+        first = self._by_curvature
+        return replace(first, covariance=first.covariance * np.outer(self.widened, self.widened))
+
+    @cached_property
+    def _by_curvature(self) -> Believed:
         """Masses, drag, loads and grips of the worm, with their covariance."""
         fitted = self.fitting
         values, slopes = self._parameters
@@ -286,10 +341,8 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         for length in ranges.T:
             for rate in (-rates, rates):
                 force = c * (length - rest) + d * rate
-                slope = (
-                    slopes["stiffness"] * (length - rest)[:, None] + slopes["damping"] * rate[:, None]
-                    - slopes["rest_length"] * c[:, None]
-                )  # fmt: skip
+                slope = slopes["stiffness"] * (length - rest)[:, None]
+                slope += slopes["damping"] * rate[:, None] - slopes["rest_length"] * c[:, None]
                 used = np.any(slope != 0, axis=0)
                 inner = slope[:, used] @ covariance[np.ix_(used, used)] @ slope[:, used].T
                 most = np.maximum(most, np.abs(force) + reach * np.sqrt(np.diag(inner)))
@@ -303,10 +356,17 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
             )
         return structs.replace(limits, actuator_force=tuple(left.tolist()))
 
+    def in_own_words(self, error: SolveError) -> SolveError:
+        """Rewrite the error of a design: what limits spike loads here is friction."""
+        if "gait.spike_load" not in f"{error.reason} {error.suggestion}":
+            return error
+        what = "gait.spike_load is here friction forward and backward of a mass together"
+        return SolveError(error.reason, f"{error.suggestion}; {what}", code=error.code)
+
     # -- the worm under the gait -------------------------------------------------------------------
 
-    @parts(WornWorm, when="converged")
-    def worm_found(self) -> WornWorm:
+    @parts(FoundWorm, when="converged")
+    def worm_found(self) -> FoundWorm:
         values, _ = self._parameters
         motion = self.design.design.motion_under(self.believed.mean_load)
         forward = values["friction_forward"]
@@ -316,7 +376,7 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         force = c * (motion["length"] - rest) + d * motion["rate"] - motion["actuator_force"]
         with np.errstate(all="ignore"):
             commanded = np.where(c > 0, rest + force / c, np.nan)
-        return WornWorm(
+        return FoundWorm(
             mass_found=values["mass"].tolist(),
             drag_found=self.believed.drag,
             load_found=values["load"].tolist(),
@@ -375,6 +435,8 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
     @warnings
     def doubts(self) -> Iterator[str]:
         yield from self.fitting.warnings
+        if self.converged:
+            yield from (words for one in self.profiling.values() for words in one.words)
         for run in self.study.reading:
             yield from run.warnings
         if self.converged:
@@ -400,6 +462,16 @@ def values_of(model: Model) -> dict[str, np.ndarray]:
     sizes = dict.fromkeys(_CHAIN, masses) | dict.fromkeys(_SPRINGS, masses - 1)
     found = {s.name: np.asarray(s.value, float) for s in (*model.p, *model.u)}
     return {name: np.array(np.broadcast_to(found[name], size)) for name, size in sizes.items()}
+
+
+def _interval(profile: Profile, fitted: Fit, level: float) -> list[float]:
+    """Confidence interval at another level from the points of a profile."""
+    readings = min(fitted.task.count - len(fitted.theta), 1e9) if fitted.estimated else 1e9
+    target = math.sqrt(fdtri(1, readings, level))
+    z = np.sign(profile.values - profile.best) * np.sqrt(np.maximum(profile.rises, 0.0))
+    z = np.maximum.accumulate(z)
+    ends = np.interp([-target, target], z, profile.values, left=-np.inf, right=np.inf)
+    return np.clip(ends, *profile.interval).tolist()
 
 
 def _faults_of_chain(worm: Any) -> Iterator[Fault]:

@@ -394,8 +394,8 @@ def run_of(
         raise SceneError(table.file, [("file", what)])
     own, warnings = model, places.guesses(seen, time[kept], values)
     warnings += (
-        f"negative numbers of column {column} are written as unsigned ones of {bits} bits; 2^{bits} "
-        "is subtracted from them"
+        f"negative numbers of column {column} are written as unsigned ones of {bits} bits: "
+        f"2^{bits} is subtracted from them"
         for column, bits in columns.wrapped.items()
         if column in seen or column in driven
     )

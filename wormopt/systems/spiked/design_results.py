@@ -187,7 +187,7 @@ def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:
         },
         "search": {
             "ended": found.ended,
-            "tried": survey.tried,
+            "tried": len(survey.tried),
             "variations_tried": survey.varied,
             "linear_programs": survey.programs,
             "stages_s": survey.seconds,

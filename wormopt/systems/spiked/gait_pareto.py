@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, Literal
 
@@ -33,6 +34,7 @@ from wormopt.systems.spiked.motion import DESIGN_SCALARS, MOTION_VARIABLES
 
 with on_use():
     import numpy as np
+    from msgspec import structs
 
     from wormopt.families.store import checkpoints, key_of
     from wormopt.systems.shared.sequences import Sequence_, canonical
@@ -40,9 +42,12 @@ with on_use():
     from wormopt.systems.spiked.design.optimize import designed
     from wormopt.systems.spiked.design_results import COST_SCALARS, of_design, with_keys
     from wormopt.systems.spiked.search.orders import is_mirror_symmetric
+    from wormopt.systems.spiked.search.search import Known, Start
 
 # A limit binds if its slack is smaller than this share of its size.
 _BINDS = 1e-6
+# Orders of a point that are tried first at the next one; its other variations are not tried there.
+_KNOWN = 24
 _NONE_COUNTS = "no point of the front was accepted"
 
 
@@ -73,7 +78,17 @@ class Point:
     @property
     def sequence(self) -> Sequence_:
         """Resting masses, phase by phase."""
-        return tuple(tuple(phase) for phase in self.result.trust["solver"]["sequence"])
+        return _order(self.result.trust["solver"]["sequence"])
+
+    @property
+    def known(self) -> Known:
+        """What its search found, for that of the next point."""
+        kept = self.result.attributes
+        good = [(_order(order), *start) for order, *start in kept["good"]]
+        return Known(
+            tuple(Start(order, times and np.array(times), n) for order, times, n in good),
+            frozenset(map(_order, kept["poor"])),
+        )
 
     @property
     def value(self) -> float:
@@ -140,8 +155,9 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
     """Compute the Pareto front of gaits between speed and a second objective.
 
     Kind [`gait-design`](gait-design.md) explains `[gait]`, `[search]`, `[motor]` and the trust
-    report. All points are searched with the same effort. Each point tries the resting sequence of
-    the previous point first. `search.time_limit` applies to each point.
+    report. Each point tries the best resting sequences of the previous point first, and does not
+    try again the variations of sequences that were not among them. `search.time_limit` applies to
+    each point.
 
     Refused: costs that are refused in `[objective]` of a design; `[search.certify]`.
 
@@ -202,12 +218,15 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
         """
         points, lost, total = list[Point](), list[str](), self.pareto.points
         try:
-            points.append(self._point(total, None, []))
+            points.append(self._point(total, None, None))
             # The fastest gait need not be the cheapest of its speed: the next is almost as fast.
             shares = [0.99, *(k / (total - 1) for k in range(total - 2, 0, -1))]
             for k, share in zip(range(total - 1, 0, -1), shares, strict=True):
                 speed = share * points[0].speed
-                point = self._point(k, speed, [points[-1].sequence])
+                known = points[-1].known
+                if len(points) == 1:  # orders that are poor for speed may be good for the cost
+                    known = replace(known, poor=frozenset())
+                point = self._point(k, speed, known)
                 if point.result.scalars:
                     points.append(point)
                 else:
@@ -224,13 +243,13 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
     def _key(self, index: int) -> str:
         return key_of(self, f"point {index}")
 
-    def _point(self, index: int, speed: float | None, hints: list[Sequence_]) -> Point:
+    def _point(self, index: int, speed: float | None, known: Known | None) -> Point:
         """Design one gait, or read it back from an earlier run of the same scene."""
-        work = partial(self._designed, index, speed, hints)
+        work = partial(self._designed, index, speed, known)
         found = checkpoints().result(self._key(index), work)
         return Point(found, COST_SCALARS[self.pareto.against])
 
-    def _designed(self, index: int, speed: float | None, hints: list[Sequence_]) -> Result:
+    def _designed(self, index: int, speed: float | None, known: Known | None) -> Result:
         against, total = self.pareto.against, self.pareto.points
 
         def report(text: str, fraction: float | None) -> None:
@@ -239,9 +258,11 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
                 f"{done} of {total} points done: {text}", (done + (fraction or 0.0)) / total
             )
 
+        # a single short search is not worth starting processes, several are
+        search = structs.replace(self.search, workers=self.search.workers or os.cpu_count())
         goal = Objective() if speed is None else Objective(against, speed)
         try:
-            found = designed(self.task(goal), self.search, report, hints)
+            found = designed(self.task(goal), search, report, known)
         except SolveError as error:
             reason = with_keys(error, self)
             if speed is None:
@@ -249,12 +270,13 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
             return Result(self.name, self.kind, status="failed", reason=str(reason))
         if found.ended == "interrupted":
             raise KeyboardInterrupt
-        known = of_design(self, found)
-        scalars = known.scalars | {COST_SCALARS[against]: objective_of(found.motion, against)}
+        own = of_design(self, found)
+        scalars = own.scalars | {COST_SCALARS[against]: objective_of(found.motion, against)}
         return self.concluded(
             {name: self.with_unit(name, value) for name, value in scalars.items()},
-            [self.variable(name, values) for name, values in known.variables.items()],
-            known.checks, known.warnings, known.facts, {"binding": _binding(found)},
+            [self.variable(name, values) for name, values in own.variables.items()],
+            own.checks, own.warnings, own.facts,
+            {"binding": _binding(found)} | _kept(found.survey.known(_KNOWN)),
         )  # fmt: skip
 
     def stopped(self) -> str:
@@ -318,6 +340,16 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
         """Compute all that the study reports; an interrupted front continues when run again."""
         found = super().result(report)
         return found if self.whole_front.front_points else found.failed(_NONE_COUNTS)
+
+
+def _order(phases: Sequence[Sequence[int]]) -> Sequence_:
+    return tuple(map(tuple, phases))
+
+
+def _kept(known: Known) -> dict[str, Any]:
+    """JSON data of `Point.known`."""
+    good = [(o, None if times is None else times.tolist(), n) for o, times, n in known.good]
+    return {"good": good, "poor": sorted(known.poor)}
 
 
 def _binding(found: Design) -> str:

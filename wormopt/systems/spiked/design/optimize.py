@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from time import monotonic, perf_counter
 from typing import Any, Literal
@@ -19,7 +19,7 @@ from wormopt.systems.spiked.design.design import Design, sharpest
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
-from wormopt.systems.spiked.search.search import Survey, search
+from wormopt.systems.spiked.search.search import Known, Survey, search
 from wormopt.systems.spiked.search.trial import Trial, Trier
 
 _SEARCH = Search()
@@ -107,15 +107,15 @@ def designed(
     task: GaitProblem,
     settings: Search,
     report: Report,
-    hints: Iterable[Sequence_] = (),
+    known: Known | None = None,
     better: Callable[[Trial], None] = lambda _: None,
 ) -> Design:
     """Design the optimal gait of a task, as `design`.
 
-    `hints` are resting sequences to try first; `better` is called with every improved trial.
+    `known` is from the search of a similar task; `better` is called with every improved trial.
     """
     if task.limits.tick is not None:
-        free = designed(without_tick(task), settings, report, hints, better)
+        free = designed(without_tick(task), settings, report, known, better)
         return ticked(task, settings, free, report)
     bound = ceiling_of(task)
     required = task.objective.speed
@@ -126,7 +126,7 @@ def designed(
             f"write a speed below {bound:.6g}, or relax {' or '.join(keys)}",
         )
     begin = perf_counter()
-    survey = search(task, settings, report, hints, better)
+    survey = search(task, settings, report, known, better)
     is_still = (
         task.objective.minimise is None
         and survey.trials

@@ -71,6 +71,14 @@ class Start(NamedTuple):
     cycles: int = 0  # cycles that nearly fill a period; 0: unknown
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Result of the search of a similar task: orders to try first, and variations not to try."""
+
+    good: tuple[Start, ...] = ()  # best first
+    poor: frozenset[Sequence_] = frozenset()  # canonical
+
+
 @dataclass(eq=False)
 class Race:
     """The best trial of every order, other promising trials, and the best value of every level."""
@@ -85,6 +93,7 @@ class Race:
     trials: dict[Sequence_, Trial | None] = field(default_factory=dict)
     # local optima next to the best of their order
     others: list[Trial] = field(default_factory=list)
+    poor: frozenset[Sequence_] = frozenset()  # canonical orders that are not tried as variations
     varied: int = 0  # number of orders that are variations of others
     enough: float = np.inf  # value close enough to a proven bound
 
@@ -352,39 +361,49 @@ class Survey:
 
     task: GaitProblem
     trials: tuple[Trial, ...]  # best of each order and its other optima, best first
-    tried: int  # orders
+    tried: frozenset[Sequence_]  # canonical orders
     varied: int  # of these, variations of others
     programs: int  # linear programs solved
     ended: str  # "searched", "proven", "time limit" or "interrupted"
     seconds: dict[str, float] = field(default_factory=dict)  # of each stage
     bounded: Bounded | None = None  # bound on the speed, if the search used it
 
+    def known(self, width: int) -> Known:
+        """Knowledge for the search of a similar task: the best `width` orders are good ones."""
+        best = self.trials[:width]
+        mirror, masses = is_mirror_symmetric(self.task), self.task.worm.links + 1
+        kept = {canonical(trial.sequence, masses, mirror=mirror) for trial in best}
+        good = [Start(trial.sequence, trial.durations, trial.cycles) for trial in best]
+        return Known((*map(Start, [best[0].sequence]), *good), self.tried - kept)
+
 
 def search(
     task: GaitProblem,
     settings: Search,
     report: Report,
-    hints: Iterable[Sequence_] = (),
+    known: Known | None = None,
     better: Better = lambda _: None,
 ) -> Survey:
     """Search the orders of rest, and numbers of cycles, for the best gait.
 
-    The stages are: `hints` and constructed orders; plain orders by their ceilings; variations. The
+    The stages are: `known` and constructed orders; plain orders by their ceilings; variations. The
     search ends when no gait can be better by more than the wanted gap. Apart from time limits, the
     result does not depend on the number of processes. `better` is called with each new best.
     """
+    known = known or Known()
     until = np.inf if settings.time_limit is None else monotonic() + settings.time_limit
     work = effort_of(settings).work * _OF_ONE_CLIMB
     trier = Trier(task, until=until, work=work)
     links = task.worm.links
     workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
-    race = Race(task, trier, workers, report, better, _PLACES * effort_of(settings).width)
+    places = _PLACES * effort_of(settings).width
+    race = Race(task, trier, workers, report, better, places, poor=known.poor)
     ended, seconds, since = "searched", dict[str, float](), monotonic()
     bounded = at_once(task) if settings.sequence is None else None
     if bounded is not None:
         race.enough = bounded.bound / (1.0 + settings.gap)
     try:
-        for stage in _steps(race, settings, hints):
+        for stage in _steps(race, settings, known.good):
             now = monotonic()
             seconds[stage] = seconds.get(stage, 0.0) + now - since
             since = now
@@ -400,7 +419,7 @@ def search(
     ranking = sorted([*race.ranking, *race.others], key=rank)
     if ended == "searched" and race.is_proven:
         ended = "proven"
-    tried = len(race.trials)
+    tried = frozenset(race.trials)
     return Survey(task, tuple(ranking), tried, race.varied, trier.programs, ended, seconds)
 
 
@@ -410,18 +429,18 @@ def _effort(race: Race, settings: Search) -> Effort:
     return replace(effort, width=(effort.width + 1) // 2, starts=0) if race.long else effort
 
 
-def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator[str]:
+def _steps(race: Race, settings: Search, good: Sequence[Start]) -> Iterator[str]:
     """Search in steps of a few seconds; yield the stage of each."""
     effort, task = _effort(race, settings), race.task
     if settings.sequence is not None:
         for _ in _prescribed(race, ascending(settings.sequence), settings):
             yield "your sequence"
         return
-    first = [race.canonical(s) for s in (*hints, *first_orders(task))]
+    first = [race.canonical(s) for s in first_orders(task)]
     first = [s for s in dict.fromkeys(first) if len(s) <= (settings.phases or len(s))]
-    for batch in _batches(first):
+    for batch in _batches((*good, *map(Start, first))):
         stage = race.announce("constructed orders", 0.0)
-        race.enter(map(Start, batch))
+        race.enter(batch)
         yield stage
     race.promote(0, 1)
     yield "constructed orders"
@@ -512,13 +531,17 @@ def _vary(race: Race, settings: Search) -> Iterator[str]:
     if race.long:
         most = race.trier.work + _OF_LONG * most
     in_vain, gain = 0, _GAIN if race.long else _BETTER
-    while in_vain < effort.patience:
+    patience = 1 if race.poor else effort.patience  # the search of a similar task varied before
+    while in_vain < patience:
         enough = race.record(0) + gain * abs(race.record(0))
         width = effort.width << in_vain  # if variations of the best fail, those of others may not
         for batch in _batches(islice(_variations(race, settings, width), effort.varied)):
             stage = race.announce("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
-            race.enter(batch)
-            race.varied += len(batch)
+            orders = [race.canonical(start.sequence) for start in batch]
+            hopeful = [s for s, order in zip(batch, orders, strict=True) if order not in race.poor]
+            race.trials |= dict.fromkeys(race.poor.intersection(orders))
+            race.enter(hopeful)
+            race.varied += len(hopeful)
             yield stage
             if race.trier.work > most:
                 return
