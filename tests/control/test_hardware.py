@@ -16,7 +16,13 @@ from scipy.interpolate import PPoly
 from wormopt.control.drive import drive
 from wormopt.control.hardware import band_limited, through_hardware
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
-from wormopt.control.loop import Reference, gait_reference, with_reference
+from wormopt.control.loop import (
+    Reference,
+    TrackingError,
+    close,
+    gait_reference,
+    with_reference,
+)
 from wormopt.control.lqr import lqr
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
@@ -351,3 +357,17 @@ def test_what_needs_a_clock_is_refused_without():
             through_hardware(plant, loop, **given_)
     with pytest.raises(ArgumentError, match="period must be"):
         through_hardware(plant, loop, period=0.0)
+
+
+def test_a_controller_that_sees_more_than_sensors_show_is_refused():
+    plant = cart(np.inf)
+    reference = swing(plant)
+    force = -3 * plant["position"] - 2 * plant["velocity"]
+    for seen, refused in ((force, False), (force - plant["wheel"], True)):
+        error = TrackingError.of(plant, reference)
+        loop = close(plant, reference, error, seen, name="feedback of states")
+        if refused:
+            with pytest.raises(ArgumentError, match="more of the plant than length and its rate"):
+                through_hardware(plant, loop, period=PERIOD)
+        else:
+            assert through_hardware(plant, loop, period=PERIOD).n_x == loop.n_x + 4

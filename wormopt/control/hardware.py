@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
+import scipy.linalg
 from scipy.interpolate import CubicSpline
 
 from wormopt.control.loop import Reference, feed, gait_reference, input_of, saturated
@@ -21,6 +22,7 @@ NOISE = "noise"
 """Name of the schedule with the values that sensors add."""
 
 _NONE = ca.SX(0, 1)
+_TRIES = 3  # random states at which a controller is tested
 _TRUE = ("reference", "error", "error_norm")
 
 
@@ -74,8 +76,8 @@ def through_hardware(
     _check(delay, period, rate, output_step, input_step)
     x, n, y = pack(plant.x), plant.n_x, plant[output]
     switches, memories = loop.switches[len(plant.switches) :], loop.delays[len(plant.delays) :]
-    guards = [switch.guard for switch in switches]
-    if not ca.depends_on(ca.vertcat(loop[input], loop.ode[n:], *guards), x):
+    acts = ca.vertcat(loop[input], loop.ode[n:], *(switch.guard for switch in switches))
+    if not ca.depends_on(acts, x):
         noise, delay = None, 0.0  # an open loop measures nothing
     own = ca.vertcat(y, lie(plant, y))
     measured, late = _late(own, delay)
@@ -84,7 +86,9 @@ def through_hardware(
         measured += ca.vertcat(course.value, course.rate)
     if late and memories:
         raise ArgumentError(f"{loop.name} has delays already; leave the delay of sensors out")
-    states_of = _states_of(plant, own)
+    slopes = _slopes(plant, own)
+    _check_seen(loop, acts, x, slopes, output)
+    states_of = ca.DM(np.linalg.pinv(slopes))  # of least norm with these y and y'
 
     def put(expression: ca.SX, known: ca.SX) -> ca.SX:
         return ca.substitute(expression, x, states_of @ known)
@@ -214,8 +218,8 @@ def _noise(plant: Model, noise: Gait | None, entries: int) -> Reference | None:
     return gait_reference(noise, plant.t, periodic=False, name=NOISE)
 
 
-def _states_of(plant: Model, own: ca.SX) -> ca.DM:
-    """Matrix from y and y' to the states of least norm that have them."""
+def _slopes(plant: Model, own: ca.SX) -> np.ndarray:
+    """Matrix from the states to y and y'; ArgumentError if these are not linear."""
     x = pack(plant.x)
     slopes = ca.jacobian(own, x)
     offset = ca.simplify(own - slopes @ x)
@@ -224,7 +228,26 @@ def _states_of(plant: Model, own: ca.SX) -> ca.DM:
             f"the output of {plant.name} and its rate are not linear in its states with constant "
             "coefficients, as sensors and a clock need; choose such an output"
         )
-    return ca.DM(np.linalg.pinv(ca.evalf(slopes).full()))
+    return ca.evalf(slopes).full()
+
+
+def _check_seen(loop: Model, acts: ca.SX, x: ca.SX, slopes: np.ndarray, output: str) -> None:
+    """Refuse a controller that uses more of the plant than y and y', by derivatives."""
+    hidden = scipy.linalg.null_space(slopes)
+    changes = [ca.jtimes(acts, x, ca.DM(direction)) for direction in hidden.T]
+    change = ca.vertcat(_NONE, *changes)
+    symbols = ca.vertcat(_NONE, *ca.symvar(ca.vertcat(change, acts)))
+    function = ca.Function("change", [symbols], [ca.densify(change), ca.densify(acts)])
+    random = np.random.default_rng(0)
+    for _ in range(_TRIES if change.numel() else 0):
+        off, size = (
+            np.abs(np.array(part)) for part in function(random.uniform(0.5, 1.5, symbols.numel()))
+        )
+        if np.any(off > 1e-9 * (1 + np.nanmax(size, initial=0.0))):
+            raise ArgumentError(
+                f"the controller of {loop.name} uses more of the plant than {output} and its rate, "
+                "which is all that sensors show it"
+            )
 
 
 def _seen_switch(switch: Switch, put: Callable[[ca.SX], ca.SX], n: int, beyond: ca.SX) -> Switch:

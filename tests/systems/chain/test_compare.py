@@ -468,7 +468,12 @@ seeds = 1
 def test_parameters_of_an_own_plant_are_swept(tmp_path: Path):
     with_mass = OWN.replace("def cart()", "def cart(mass=MASS)").replace("value=MASS", "value=mass")
     own = scene(tmp_path, TRACK, "time.end=0.2", own=with_mass)
-    found = wo.sweep(own, {"model.parameters.mass": [1.0, 2.0]}, store=tmp_path / "store")
+    found = wo.sweep(
+        own,
+        {"model.parameters.mass": [1.0, 2.0]},
+        store=tmp_path / "s",
+        engine=wo.Engine(workers=1),
+    )
     plant = cart()
     aim = wo.gait_reference(wo.travelling_sine(1, 2.0, 0.0, 0.3, 0.0), plant.t)
     loop = wo.lambda_tracker(
