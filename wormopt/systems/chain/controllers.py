@@ -344,7 +344,9 @@ class Trial:
         recheck = again and self.tolerance.recheck
         second = motion and cross_check(model, motion, tolerance, recheck=recheck, report=silent)
         numbers = dict.fromkeys(JUDGED) if motion is None else judged_numbers(motion, self.tube)
-        free, drawn = self.hardware == Hardware(), self._drawn(controller, model)
+        bounded = any(output.name == "saturated" for output in plain.outputs)
+        free = self.hardware == Hardware() and not bounded
+        drawn = self._drawn(controller, model)
         return Judged(controller, motion, second, numbers, drawn, free)
 
     def _nominal(self, model: Model, tolerance: Tolerance) -> Trajectory | None:

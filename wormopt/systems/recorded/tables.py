@@ -163,7 +163,8 @@ def scene_of(tables: dict[str, Any], folder: Path, units: str, key: str = "model
     try:
         if source is None:
             if "file" in raw:
-                own = {name: raw.pop(name) for name in ("file", "parameters") if name in raw}
+                keys = ("file", "parameters", "output", "input")
+                own = {name: raw.pop(name) for name in keys if name in raw}
                 raw = {"kind": "simulate", "model": own} | raw
             raw = {"schema": 1, "units": units} | raw
             if raw.get("kind") in _TIMED:  # recordings determine the duration
