@@ -385,6 +385,11 @@ def test_a_scene_compares_as_python_does(found: wo.Result, tmp_path: Path):
         (["model.output='v'"], "model.output", "relative degree below two"),
         (["model.parameters.m=1"], "model.parameters.m", "has no parameters"),
         (["reference.0.gait={shape='fast', period=2}"], "reference[0].gait.shape", "for all ent"),
+        (
+            ["reference.0.gait={shape='file', file='gait.csv'}"],
+            "reference[0].gait.file",
+            "output 1",
+        ),
         (["draws.parameters=['mass']"], "draws.parameters", "no parameter 'mass' to draw"),
         (["tracker.0.feedforward={}"], "tracker[0]", "feedforward has no stiffness"),
         (["tracker.0.input='rest_length'"], "tracker[0]", "actuator='force'"),
@@ -397,6 +402,7 @@ def test_a_scene_compares_as_python_does(found: wo.Result, tmp_path: Path):
 def test_what_does_not_fit_an_own_plant_is_refused(
     tmp_path: Path, change: list[str], key: str, message: str
 ):
+    wo.fast_gait(1.0).to_csv(tmp_path / "gait.csv", step=0.1)
     with pytest.raises(SceneError) as caught:
         wo.run(scene(tmp_path, COMPARE, *change))
     assert [key] == [where for where, _ in caught.value.faults]

@@ -325,5 +325,7 @@ def _from_file(shape: FileShape, scene: Scene[Any], key: str, links: int) -> Gai
         message = (
             f"the file has {gait.links} links, the worm {links}; set worm.links = {gait.links}"
         )
+        if scene.table.worm is None:
+            message = f"the file has {gait.links} links, the output {links} entries; name another"
         raise SceneError(scene.name, [(f"{key}.file", message)])
     return gait if shape.period is None else gait.with_period(shape.period)
