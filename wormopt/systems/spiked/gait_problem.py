@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from math import comb
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Protocol, get_args
 
 from msgspec import Meta, structs
 
@@ -586,7 +586,23 @@ class WormlessDesignTable(Study):
         return limits_of(self)
 
 
-GaitTables = DesignTable | WormlessDesignTable
+class GaitTables(Protocol):
+    """Keys of a scene that designs gaits, as `DesignTable` and `WormlessDesignTable` have them."""
+
+    @property
+    def units(self) -> str: ...  # noqa: D102
+
+    @property
+    def counts(self) -> Mapping[str, int]: ...  # noqa: D102
+
+    @property
+    def gait(self) -> Limits: ...  # noqa: D102
+
+    @property
+    def search(self) -> Search: ...  # noqa: D102
+
+    @property
+    def motor(self) -> Motor | None: ...  # noqa: D102
 
 
 def limits_of(table: GaitTables) -> Limits:
