@@ -590,19 +590,19 @@ class GaitTables(Protocol):
     """Keys of a scene that designs gaits, as `DesignTable` and `WormlessDesignTable` have them."""
 
     @property
-    def units(self) -> str: ...  # noqa: D102
+    def units(self) -> str: ...
 
     @property
-    def counts(self) -> Mapping[str, int]: ...  # noqa: D102
+    def counts(self) -> Mapping[str, int]: ...
 
     @property
-    def gait(self) -> Limits: ...  # noqa: D102
+    def gait(self) -> Limits: ...
 
     @property
-    def search(self) -> Search: ...  # noqa: D102
+    def search(self) -> Search: ...
 
     @property
-    def motor(self) -> Motor | None: ...  # noqa: D102
+    def motor(self) -> Motor | None: ...
 
 
 def limits_of(table: GaitTables) -> Limits:
