@@ -344,6 +344,12 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
                 slope = slopes["stiffness"] * (length - rest)[:, None]
                 slope += slopes["damping"] * rate[:, None] - slopes["rest_length"] * c[:, None]
                 used = np.any(slope != 0, axis=0)
+                if not np.isfinite(np.diag(covariance)[used]).all():
+                    raise SolveError(
+                        "stiffness, damping or rest length cannot be identified from the "
+                        "recordings, but the actuators act beside them",
+                        "remove gait.actuator_force, or give known values",
+                    )
                 inner = slope[:, used] @ covariance[np.ix_(used, used)] @ slope[:, used].T
                 most = np.maximum(most, np.abs(force) + reach * np.sqrt(np.diag(inner)))
         left = np.asarray(given) - most
