@@ -1,16 +1,21 @@
 """Kind friction-design: gaits for worms on dry ground, from films of them, by scipy's motions."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
+from shutil import which
+from subprocess import run
 from typing import Any
 
 import numpy as np
 import pytest
 from outcomes import refusals
+from places import ROOT
 
 import wormopt as wo
 from tests.judge_friction import judge, lengths_of
 from tests.oracles.by_gliding import Lengths, Played, Rubbing, play
+from wormopt.cli import main
 from wormopt.errors import SolveError
 from wormopt.systems.spiked import Search
 
@@ -114,6 +119,38 @@ def test_what_the_film_does_not_tell_is_said():
     ]
     with pytest.raises(SolveError, match=r"mass\[0\].*cannot be identified"):
         wo.run("friction_gait", {"fit.unknown": unknown})
+
+
+@pytest.mark.slow
+def test_the_page_leads_from_a_film_to_c_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """What the page prints, run as it stands; its figures are those that come out."""
+    page = (ROOT / "docs/howto/fit-friction-from-a-video.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```(\w+)\n(.*?)```", page, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    film, *_ = [text for kind, text in blocks if kind == "python"]
+    exec(compile(film, "film", "exec"), {})
+    for text in (text for kind, text in blocks if kind == "toml"):
+        Path(text.split()[1]).write_text(text)
+    assert main(["run", "friction.toml", "--no-plots"]) == 0
+    assert main(["run", "gait.toml", "--no-plots"]) == 0
+    fitted, designed = (wo.Result.load(f"results/{name}") for name in ("friction", "gait"))
+    for name, estimate, error in re.findall(
+        r"\| (\w+), N.*? \| [\d.]+ \| ([\d.]+) \| ([\d.]+) \|", page
+    ):
+        assert fitted[name].value == pytest.approx(float(estimate), abs=float(error) / 10)
+    assert designed["speed"].value == pytest.approx(0.0667, abs=5e-5)
+    assert max(designed["held_max"].value) == pytest.approx(0.7943, abs=5e-5)
+    assert designed["ticks"].value == 45
+    assert main(["export", "results/gait", "--c", "--mjcf", "-o", "out"]) == 0
+    (program,) = [text for kind, text in blocks if kind == "c"]
+    Path("main.c").write_text(program)
+    if (cc := which("cc")) is None:
+        pytest.skip("no C compiler")
+    run([cc, "-std=c99", "main.c", "out/gait.c", "-lm", "-o", "main"], check=True)
+    told = run(["./main"], check=True, capture_output=True, text=True).stdout.splitlines()
+    gait = wo.load_gait("results/gait")
+    lengths = [float(line.split()[2]) for line in told]
+    np.testing.assert_allclose(lengths, gait(np.arange(45) * 0.01)[0], atol=1e-4)
 
 
 test_scenes_that_do_not_fit_together_are_refused = refusals(
