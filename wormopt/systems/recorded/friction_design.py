@@ -89,7 +89,8 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
     unknown parameters. The fit runs first. The gait is then designed so that its limits hold for
     all parameters in a confidence ellipsoid with the requested confidence: no resting mass slips
     under more than its friction backward, none is dragged forward against its friction forward,
-    and no actuator needs more than `gait.actuator_force`.
+    and no actuator needs more than `gait.actuator_force`. The ellipsoid is wider where the profile
+    of a friction is wider than its standard error says.
 
     The sliding friction forward loads every mass, and a resting mass carries at most the sum of its
     friction forward and backward. The gait is that of kind [`gait-design`](gait-design.md) for this
@@ -124,8 +125,8 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
     }
 
     want: tuple[Literal["holding", "gait", "motion"], ...] = entry(
-        "`holding`: what is left until a resting mass slips, worst case and on the plant; `gait`, "
-        "`motion`: as for kind `gait`",
+        "`holding`: force of the ground on resting masses, and what is left until one slips, with "
+        "its worst case; `gait`, `motion`: as for kind `gait`",
         default=(),
     )
     fit: SceneTables = entry(
