@@ -194,7 +194,8 @@ def judge_design(seed: int) -> dict[str, Any]:
     numbers = found.values
     freedom = found.task.count - len(numbers)
     mass_found = tuple(numbers[:3].tolist())
-    believed = Believed.of_one_load(mass_found, *numbers[3:], found.covariance, freedom)
+    drag_found, load_found = numbers[3:].tolist()
+    believed = Believed.of_one_load(mass_found, drag_found, load_found, found.covariance, freedom)
     robust = design_believed(believed, LIMITS, confidence=CONFIDENCE, search=ORDER)
     spent = time.process_time() - clock
     plant = wo.Worm(2, tuple(mass.tolist()), drag, load)

@@ -179,14 +179,40 @@ def excess(worm: Drawn, motion: Played) -> dict[str, float]:
     }
 
 
+def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
+    """What lines of `judge` say together."""
+    shares = [line["speed"] / line["best"] for line in lines]
+    kept = ("length", "rate", "acceleration", "actuator_force")
+    return {
+        "films": len(lines),
+        "95 % intervals of friction that hold the truth": [
+            sum(sum(line["inside"].values()) for line in lines), 2 * len(lines)
+        ],
+        "backward left open": sum(line["open"] for line in lines),
+        "largest excess over a limit": max(
+            line["excess"][name] for line in lines for name in kept
+        ),
+        "largest slip, in widths": max(line["excess"]["slip"] for line in lines),
+        "speed over that with the true numbers: least, median, most": (
+            np.quantile(shares, [0, 0.5, 1]).round(4).tolist()
+        ),
+        "processor seconds, median and most": np.quantile(
+            [line["cpu"] for line in lines], [0.5, 1.0]
+        ).round(1).tolist(),
+    }  # fmt: skip
+
+
 def main() -> None:
-    """Judge, or tell of what was judged."""
+    """Judge, or summarise what was judged."""
     *asked, file = sys.argv[1:]
     path = Path(file)
     done = path.read_text().splitlines() if path.exists() else []
     for seed in range(len(done), int(asked[0]) if asked else 0):
         with tempfile.TemporaryDirectory() as folder, path.open("a") as lines:
             lines.write(json.dumps(judge(seed, Path(folder))) + "\n")
+    print(
+        json.dumps(summary([json.loads(line) for line in path.read_text().splitlines()]), indent=1)
+    )
 
 
 if __name__ == "__main__":

@@ -98,6 +98,14 @@ def test_friction_that_differs_ahead_and_back_is_exact_on_a_line(tmp_path: Path)
     assert "stiction" in (tmp_path / "walk.xml").read_text("utf-8")
 
 
+def test_a_worm_on_dry_ground_has_the_friction_that_was_fitted(tmp_path: Path):
+    root = parsed(Result.load(SAVED / "friction_gait.nc"), "mjcf", tmp_path)
+    for i in range(3):  # 0.25 and 1.0 N in truth
+        assert resistance(root, i) == pytest.approx((0.25, 1.0), rel=0.01)
+    weights = [numbers(body.find("inertial"), "mass") for body in root.iter("body")]
+    assert weights == [[0.2], [0.15], [0.2]]
+
+
 def test_a_planar_worm_has_the_lengths_angles_and_friction_of_its_scene(
     bent: Result, turning: Result, tmp_path: Path
 ):

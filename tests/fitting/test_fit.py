@@ -498,3 +498,22 @@ def test_errors_are_infinite_where_derivatives_are_no_more_exact_than_that():
     assert covariance_of(pair, np.ones(2), 1e-6)[1, 1] == pytest.approx(1e8)
     assert np.isinf(covariance_of(pair, np.ones(2), 1e-3)[1, 1])
     assert covariance_of(pair, np.ones(2), 1e-3)[0, 0] == pytest.approx(1.0)
+
+
+def test_a_number_that_only_matters_above_a_threshold_is_not_known_as_well_as_its_error_says():
+    """Below 1 the rate of this decay does not matter, and its best value is just above."""
+    x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
+    known = [wo.Signal("rate", rate, value=3.0)]
+    model = wo.Model("decay", [wo.Signal("x", x, value=1.0)], -ca.fmax(rate, 1.0) * x, p=known)
+    time = np.linspace(0.0, 2.0, 21)
+    seen = np.exp(-1.01 * time) + 0.02 * (-1.0) ** np.arange(21)
+    run = wo.Recording(time, {"x": seen}, x0={"x": 1.0}, noise={"x": 0.02})
+    sought = wo.Unknown("rate", lower=0.2, upper=5.0)
+    found = wo.fit(wo.FitTask(model, [run], [sought]), seeds=12)
+    assert found.values[0] == pytest.approx(1.01, abs=0.02)
+    (said,) = [each for each in found.warnings if "ended between" in each]
+    assert said.startswith("rate ended between 0.")
+    # where every value matters, nothing is said
+    plain = wo.Model("decay", [wo.Signal("x", x, value=1.0)], -rate * x, p=known)
+    found = wo.fit(wo.FitTask(plain, [run], [sought]), seeds=12)
+    assert not any("ended between" in each for each in found.warnings)

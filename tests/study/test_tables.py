@@ -68,6 +68,31 @@ def test_negative_numbers_written_as_unsigned_ones(
     assert table.wrapped == ({"x": bits} if bits else {})
 
 
+def test_negative_velocities_of_a_servo_are_read_with_a_warning(tmp_path: Path):
+    """A file as a logger of bus servos writes it: 32 bits of velocity, 16 of current."""
+    rows = [(0, 0, 65535), (-4, 4294967292, 65531), (-11, 4294967285, 2), (-8, 20, 0)]
+    text = "".join(f"{1e-1 * k:.1f},{x},{v},{i}\n" for k, (x, v, i) in enumerate(rows))
+    (tmp_path / "servo.csv").write_text(f"time,servoPos,servoVel,servoCur\n{text}")
+    x, v = ca.SX.sym("x"), ca.SX.sym("v")
+    model = wo.Model(
+        "servo", [wo.Signal("position", x, value=0.0)], v, u=[wo.Signal("velocity", v)],
+        outputs=[wo.Output("current", 0.1 * v)],
+    )  # fmt: skip
+    columns = {"servoPos": "position", "servoVel": "velocity", "servoCur": "current"}
+    (run,) = runs_of(
+        [RecordingFile(file="servo.csv", columns=columns)], tmp_path, model, "1", {}, ""
+    )
+    np.testing.assert_array_equal(run.recording.readings["current"], [[-1, -5, 2, 0]])
+    driven = run.recording.model
+    assert driven is not None
+    moved = wo.simulate(driven, 0.3)["position"][0, -1]  # straight between 0, -4, -11 and 20
+    assert moved == pytest.approx(-0.2 - 0.75 + 0.45, rel=1e-9)
+    assert [said.split(": ")[1] for said in run.warnings] == [
+        f"negative numbers of column {name} are written as unsigned ones of {bits} bits"
+        for name, bits in (("servoVel", 32), ("servoCur", 16))
+    ]
+
+
 def test_a_clock_is_never_taken_for_negative_numbers():
     table = parsed("time,x\n1,0\n4294967295,1\n", time="time")
     assert table.values["time"] == (1.0, 4294967295.0)

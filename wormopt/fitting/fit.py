@@ -298,6 +298,9 @@ def contact_speed(task: FitTask, theta: np.ndarray) -> float:
 
 # Standard errors from the best within which starts have the same end.
 _SAME = 0.1
+# Costs above the least that readings hardly tell from it; distance in standard errors that is then
+# strange.
+_AS_GOOD, _OUTSIDE = 2.0, 3.0
 # Noise is estimated until it changes by less than this share.
 _SETTLED, _MOST_LEVELS = 1e-3, 20
 
@@ -445,6 +448,22 @@ def _with_levels(
     return task, best
 
 
+def _rivals(found: Fit, task: FitTask) -> Iterator[str]:
+    """Yield estimates that other starts, which fit as well, put outside their errors."""
+    errors = np.sqrt(np.diag(found.covariance))
+    least = min(end.cost for end in found.starts)
+    # costs of starts are relative to a first guess of the noise
+    most = least * (1 + _AS_GOOD / found.cost) if found.cost > 0 else least
+    ends = [end.theta for end in found.starts if end.cost <= most]
+    for k, name in enumerate(task.names):
+        others = [task.values(theta)[k] for theta in ends]
+        if any(abs(theta[k] - found.theta[k]) > _OUTSIDE * errors[k] for theta in ends):
+            yield (
+                f"{name} ended between {min(others):.4g} and {max(others):.4g} at starts that fit "
+                "as well, so its standard error is too small; see its profile"
+            )
+
+
 def _fit_of(
     asked: FitTask, task: FitTask, best: Descent, ends: list[Attempt], reason: str = ""
 ) -> Fit:
@@ -465,6 +484,7 @@ def _fit_of(
     warnings, same = list(task.warnings), sum(end.agrees for end in ends)
     if same < len(ends) and not reason:
         warnings.append(f"{len(ends) - same} of {len(ends)} starts ended elsewhere, see starts")
+        warnings += _rivals(found, task)
     if strange:
         warnings.append(
             f"{'; '.join(strange)}: the model is incomplete, the search ended in a wrong minimum, "

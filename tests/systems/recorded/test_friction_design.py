@@ -1,16 +1,21 @@
 """Kind friction-design: gaits for worms on dry ground, from films of them, by scipy's motions."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
+from shutil import which
+from subprocess import run
 from typing import Any
 
 import numpy as np
 import pytest
 from outcomes import refusals
+from places import ROOT
 
 import wormopt as wo
 from tests.judge_friction import judge, lengths_of
 from tests.oracles.by_gliding import Lengths, Played, Rubbing, play
+from wormopt.cli import main
 from wormopt.errors import SolveError
 from wormopt.systems.spiked import Search
 
@@ -18,6 +23,7 @@ FORWARD, BACKWARD = 0.3, 0.8
 LIMITS = wo.Limits(period=(0.3, 3.0), length=(0.045, 0.075), rate=0.2, acceleration=30.0)
 # Friction is as wide as 1e-4 of the speeds: less than this many widths is no slip.
 SLIP = 8.0
+SAMPLES = 25  # of a piece
 
 
 def gait_of(forward: float, backward: float, **more: Any) -> Lengths:
@@ -29,8 +35,8 @@ def gait_of(forward: float, backward: float, **more: Any) -> Lengths:
 
 
 def on_ground(forward: float, backward: float, gait: Lengths, drag: float = 0.0) -> Played:
-    ground = (np.full(2, force) for force in (forward, backward))
-    return play(Rubbing(np.array([0.2, 0.3]), drag, *ground, np.zeros(2)), gait)
+    ahead, back = (np.full(2, force) for force in (forward, backward))
+    return play(Rubbing(np.array([0.2, 0.3]), drag, ahead, back, np.zeros(2)), gait)
 
 
 def test_friction_forward_is_a_load_and_grips_are_the_sum_of_both():
@@ -86,12 +92,20 @@ def test_the_packaged_scene_keeps_its_limits_on_the_plant():
     assert number["plant_distance"] < number["reach"]
     assert max(number["held_max"]) < 1.0
     assert set(result.trust["assumptions"]) >= {"lengths", "rest", "stiction", "split", "springs"}
-    # the actuators' forces, and the rest lengths that give them, by (8)
-    length, rate = result["length"].values, result["rate"].values
-    spring = number["stiffness"] * (length - 0.06) + number["damping"] * rate
-    force = spring - result["actuator_force"].values
-    np.testing.assert_allclose(result["input"].values, force, atol=1e-12)
-    commanded = 0.06 + force / number["stiffness"]
+    # the actuators' forces by (8) in scipy's motion of the estimates, and rest lengths for them
+    worm = Rubbing(
+        np.array([0.2, 0.15, 0.2]), 0.0, np.array(number["forward_found"]),
+        np.array(number["backward_found"]), np.zeros(3),
+    )  # fmt: skip
+    gait = lengths_of(result["gait_breaks"].values, result["gait_polynomial"].values)
+    seen = play(worm, gait, width=1e-5, samples=SAMPLES)
+    force = number["stiffness"] * (seen.length - 0.06) + number["damping"] * seen.rate
+    # between breaks, at which smooth friction passes from one resting mass to the next
+    inner = np.arange(len(seen.time)) % SAMPLES % (SAMPLES - 1) > 0
+    times, told = result["time"].values, result["input"].values
+    for row, expected in zip(told, (force - seen.link_force)[:, inner], strict=True):
+        np.testing.assert_allclose(np.interp(seen.time[inner], times, row), expected, atol=5e-3)
+    commanded = 0.06 + result["input"].values / number["stiffness"]
     np.testing.assert_allclose(result["commanded_length"].values, commanded, atol=1e-12)
 
 
@@ -112,8 +126,40 @@ def test_what_the_film_does_not_tell_is_said():
         {"name": "damping", "targets": "damping"},
         {"name": "mass", "targets": "mass"},
     ]
-    with pytest.raises(SolveError, match=r"mass\[0\].*cannot be identified"):
+    with pytest.raises(SolveError, match="stiffness, damping cannot be identified"):
         wo.run("friction_gait", {"fit.unknown": unknown})
+
+
+@pytest.mark.slow
+def test_the_page_leads_from_a_film_to_c_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """What the page prints, run as it stands; its figures are those that come out."""
+    page = (ROOT / "docs/howto/fit-friction-from-a-video.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```(\w+)\n(.*?)```", page, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    film, *_ = [text for kind, text in blocks if kind == "python"]
+    exec(compile(film, "film", "exec"), {})
+    for text in (text for kind, text in blocks if kind == "toml"):
+        Path(text.split()[1]).write_text(text)
+    assert main(["run", "friction.toml", "--no-plots"]) == 0
+    assert main(["run", "gait.toml", "--no-plots"]) == 0
+    fitted, designed = (wo.Result.load(f"results/{name}") for name in ("friction", "gait"))
+    for name, estimate, error in re.findall(
+        r"\| (\w+), N.*? \| [\d.]+ \| ([\d.]+) \| ([\d.]+) \|", page
+    ):
+        assert fitted[name].value == pytest.approx(float(estimate), abs=float(error) / 10)
+    assert designed["speed"].value == pytest.approx(0.0667, abs=5e-5)
+    assert max(designed["held_max"].value) == pytest.approx(0.7943, abs=5e-5)
+    assert designed["ticks"].value == 45
+    assert main(["export", "results/gait", "--c", "--mjcf", "-o", "out"]) == 0
+    (program,) = [text for kind, text in blocks if kind == "c"]
+    Path("main.c").write_text(program)
+    if (cc := which("cc")) is None:
+        pytest.skip("no C compiler")
+    run([cc, "-std=c99", "main.c", "out/gait.c", "-lm", "-o", "main"], check=True)
+    told = run(["./main"], check=True, capture_output=True, text=True).stdout.splitlines()
+    gait = wo.load_gait("results/gait")
+    lengths = [float(line.split()[2]) for line in told]
+    np.testing.assert_allclose(lengths, gait(np.arange(45) * 0.01)[0], atol=1e-4)
 
 
 test_scenes_that_do_not_fit_together_are_refused = refusals(

@@ -117,7 +117,7 @@ def test_what_is_not_known_well_enough_is_refused(change: dict, error: type, tol
 
 @pytest.mark.slow
 def test_designs_on_fits_keep_their_limit_on_the_worm_itself():
-    """Six of the draws that `judge_fit.py design 50` makes."""
+    """Six of the draws that `judge_fit.py design 12` makes."""
     lines = [judge_fit.judge_design(seed) for seed in range(6)]
     told = judge_fit.told_of_designs(lines)
     assert told["keep the spike limit"] == told["never glide"] == len(lines)

@@ -34,9 +34,7 @@ from wormopt.systems.spiked import (
 with on_use():
     import numpy as np
 
-    from wormopt.fitting.estimate import Fit
     from wormopt.systems.spiked import (
-        Believed,
         Crawl,
         Design,
         DesignReport,
@@ -104,8 +102,9 @@ class BelievedDesign(Study):
         confidence: float
         gait: Limits
         search: Search
-        fitting: Fit
-        believed: Believed
+        motor: Any
+        fitting: Any  # a stage with the Fit
+        believed: Any  # Believed
 
         @property
         def limits(self) -> Limits: ...

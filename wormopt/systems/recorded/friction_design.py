@@ -89,12 +89,14 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
     unknown parameters. The fit runs first. The gait is then designed so that its limits hold for
     all parameters in a confidence ellipsoid with the requested confidence: no resting mass slips
     under more than its friction backward, none is dragged forward against its friction forward,
-    and no actuator needs more than `gait.actuator_force`.
+    and no actuator needs more than `gait.actuator_force`. The ellipsoid is wider where the profile
+    of a friction is wider than its standard error says.
 
     The sliding friction forward loads every mass, and a resting mass carries at most the sum of its
     friction forward and backward. The gait is that of kind [`gait-design`](gait-design.md) for this
-    load and this `spike_load`. Results such as `spike_load_max` and `lambda_max` therefore contain
-    the friction forward; `held` is the force of the ground itself. Theory:
+    load and this `spike_load`. Results such as `spike_load_max` and `actuator_force` are those at
+    the largest load of a range, and contain the friction forward. `held`, the force of the ground
+    itself, `input` and `commanded_length` are those of the estimates. Theory:
     [dry ground](../theory-kinematic.md#9-gaits-on-dry-ground). Guide:
     [fit friction from a video](../howto/fit-friction-from-a-video.md).
 
@@ -124,8 +126,8 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
     }
 
     want: tuple[Literal["holding", "gait", "motion"], ...] = entry(
-        "`holding`: what is left until a resting mass slips, worst case and on the plant; `gait`, "
-        "`motion`: as for kind `gait`",
+        "`holding`: force of the ground on resting masses, and what is left until one slips, with "
+        "its worst case; `gait`, `motion`: as for kind `gait`",
         default=(),
     )
     fit: SceneTables = entry(
@@ -337,6 +339,8 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         ranges = np.array(limits.length_ranges(self.counts["links"]))
         rates = np.max(limits.rate_bounds(self.counts["links"]), axis=0)
         covariance, most = self.fitting.covariance, np.zeros(len(ranges))
+        names, errors = self.fitting.names, np.diag(covariance)
+        unknown = {n for n, error in zip(names, errors, strict=True) if not np.isfinite(error)}
         c, d, rest = (values[name] for name in _SPRINGS)
         for length in ranges.T:
             for rate in (-rates, rates):
@@ -344,6 +348,12 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
                 slope = slopes["stiffness"] * (length - rest)[:, None]
                 slope += slopes["damping"] * rate[:, None] - slopes["rest_length"] * c[:, None]
                 used = np.any(slope != 0, axis=0)
+                if lost := [n for n, k in zip(names, used, strict=True) if k and n in unknown]:
+                    raise SolveError(
+                        f"{', '.join(lost)} cannot be identified from the recordings, but the "
+                        "actuators act beside springs and dashpots",
+                        "record forces, give known values, or remove gait.actuator_force",
+                    )
                 inner = slope[:, used] @ covariance[np.ix_(used, used)] @ slope[:, used].T
                 most = np.maximum(most, np.abs(force) + reach * np.sqrt(np.diag(inner)))
         left = np.asarray(given) - most

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from math import comb
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Protocol, get_args
 
 from msgspec import Meta, structs
 
@@ -586,7 +586,23 @@ class WormlessDesignTable(Study):
         return limits_of(self)
 
 
-GaitTables = DesignTable | WormlessDesignTable
+class GaitTables(Protocol):
+    """Keys of a scene that designs gaits, as `DesignTable` and `WormlessDesignTable` have them."""
+
+    @property
+    def units(self) -> str: ...
+
+    @property
+    def counts(self) -> Mapping[str, int]: ...
+
+    @property
+    def gait(self) -> Limits: ...
+
+    @property
+    def search(self) -> Search: ...
+
+    @property
+    def motor(self) -> Motor | None: ...
 
 
 def limits_of(table: GaitTables) -> Limits:
