@@ -166,9 +166,14 @@ def _worth(
     force: float, damping: float, rate: float, power: float, *, price: float, effort: float
 ) -> float:
     """Largest power over the price, less the effort of the force that gives it."""
-    turn = 2 * damping * rate
-    flat = rate / (2 * effort * price) if math.isfinite(rate) else math.inf
-    most = min(force, power / rate + damping * rate) if rate else force
-    places = [s for s in (turn, flat, most) if s <= most]
-    values = [_power(s, damping, rate, power) / price - effort * s**2 for s in places if s > 0]
-    return max([0.0, *values])
+    # the force at which another bound holds, and where more force costs as much as it gives
+    places = [
+        force,
+        2 * damping * rate,
+        rate / (2 * effort * price),
+        power / rate if rate else 0.0,
+        math.sqrt(2 * damping * power) if damping else 0.0,
+        (damping * power**2 / (effort * price)) ** 0.25 if damping else 0.0,
+    ]
+    inside = [s for s in places if 0.0 < s <= force]
+    return max(0.0, *(_power(s, damping, rate, power) / price - effort * s**2 for s in inside))

@@ -20,7 +20,7 @@ from wormopt.ocp.motion import Curve, Guess, Motion
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
 from wormopt.ocp.optimise import Contacts, Level, Optimum, optimise
 from wormopt.ocp.problem import Problem
-from wormopt.ocp.switching import optimise_switching_times
+from wormopt.ocp.switching import optimise_switching_times, structure_of
 from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report, silent
 from wormopt.study.numerics import MeshTable
@@ -45,11 +45,16 @@ _FEW = Ipopt(tolerance=1e-8, iterations=250)
 # Relaxations that find switches, and shortest and longest arcs as shares of the mean one.
 _DETECTED, _SPANS = SwitchDetection(1e-4, first=0.1, ratio=0.04), (0.2, 4.0)
 _FINE = Complementarity(1e-3, first=1e-2)
+_HALVED = SwitchDetection(1e-4, first=1e-3, ratio=0.1)
+# Largest local error of an arc, in usual sizes of the states, that is not halved.
+_ROUGH = 3e-3
 _NEARBY = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=300)
 # State polynomials between switches, and the solver of phases: a wrong reading is left soon.
 _PHASE, _POLISH = Collocation(7), Ipopt(tolerance=1e-10, mu_init=1e-4, iterations=80)
 # Coarse optima whose objectives differ by a smaller share are the same one.
 _ALIKE = 1e-4
+# Arcs that a phase has at least, on average: the reading of more phases seldom leads to a motion.
+_ARCS_A_PHASE = 1.5
 # Exact optima worse by more than this share than that of the switches have other phases.
 _MISREAD = 1e-3
 # Relaxation that is small against the error of a grid.
@@ -408,7 +413,13 @@ def _stretched(near: Guess, duration: float) -> Guess:
     )
 
 
-def _sharp(task: CrawlTask, near: Guess, arcs: int, duration: float | None) -> Optimum:
+def _sharp(
+    task: CrawlTask,
+    near: Guess,
+    arcs: int,
+    duration: float | None = None,
+    treatment: SwitchDetection = _DETECTED,
+) -> Optimum:
     """Let arcs end where contacts switch; with a duration, a cycle of that one."""
     mesh = Mesh(
         arcs,
@@ -420,29 +431,47 @@ def _sharp(task: CrawlTask, near: Guess, arcs: int, duration: float | None) -> O
     if duration is not None:
         near = _stretched(near, duration)
     ratio = _NARROW if duration is None else 1.0
-    return _solved(task, near, mesh, _DETECTED, _NEARBY, ratio)
+    return _solved(task, near, mesh, treatment, _NEARBY, ratio)
 
 
 def sharp(task: CrawlTask, first: Solved) -> Solved | None:
     """Sharpen a coarse optimum; None if this fails."""
     try:
-        return _sent(_sharp(task, _whole(first.optimum(task)), task.mesh.arcs, None))
+        return _sent(_sharp(task, _whole(first.optimum(task)), task.mesh.arcs))
     except SolveError:
         return None
 
 
 def polished(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
     """Solve with the phases that the switches show, exactly; None if this fails."""
+    detected = found.optimum(task)
+    phases = structure_of(detected.motion, speed=None).durations
+    if len(phases) > task.mesh.arcs / _ARCS_A_PHASE:
+        return None
     try:
         return _sent(
             optimise_switching_times(
-                found.optimum(task),
+                detected,
                 collocation=_PHASE,
                 tolerance=task.mesh.tolerance,
                 solver=_POLISH,
                 report=report,
             )
         )
+    except SolveError:
+        return None
+
+
+def _halved(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
+    """Solve with arcs halved; None if this fails."""
+    motion = found.optimum(task).motion
+    halves = np.repeat(motion.arcs.duration / 2, 2)
+    report(f"solving with {len(halves)} arcs", None)
+    near = replace(motion.guess, phases=halves)
+    fixed = found.duration[0] == found.duration[1]
+    duration = motion.duration if fixed else None
+    try:
+        return _sent(_sharp(task, near, len(halves), duration, _HALVED))
     except SolveError:
         return None
 
@@ -470,6 +499,9 @@ def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[flo
     if task.limits.tick is not None:
         best = _ticked(task, best)
     stages = {"complementarity": begun, "switches": best}
+    rough = float(best.optimum(task).defects.max()) > _ROUGH
+    if rough and (finer := _halved(task, best, report)) is not None:
+        stages["switches"] = best = finer
     exact = polished(task, best, report)
     if exact is not None and exact.objective <= best.objective + _MISREAD * abs(best.objective):
         stages["phases"] = exact
@@ -488,7 +520,7 @@ def _sharpest(task: CrawlTask, ranked: Sequence[Solved], report: Report) -> tupl
                 best = pair[k], one
     if best is None:
         near = _whole(ranked[0].optimum(task))
-        return ranked[0], _sent(_sharp(task, near, task.mesh.arcs, None))
+        return ranked[0], _sent(_sharp(task, near, task.mesh.arcs))
     return best
 
 
