@@ -43,8 +43,9 @@ _SAMPLES = 512
 _COARSE, _RELAXED = 20, Complementarity(1e-2, first=1.0, ratio=0.03)
 _FEW = Ipopt(tolerance=1e-8, iterations=250)
 # Relaxations that find switches, and shortest and longest arcs as shares of the mean one.
-_DETECTED, _SPANS = SwitchDetection(1e-4, first=0.1, ratio=0.04), (0.2, 4.0)
+_DETECTED, _SPANS = SwitchDetection(1e-4, first=0.1, ratio=0.03), (0.2, 4.0)
 _FINE = Complementarity(1e-3, first=1e-2)
+_LAST = Ipopt(tolerance=1e-8, mu_init=1e-3, iterations=150)
 _HALVED = SwitchDetection(1e-4, first=1e-3, ratio=0.1)
 # Largest local error of an arc, in usual sizes of the states, that is not halved.
 _ROUGH = 3e-3
@@ -52,15 +53,13 @@ _NEARBY = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=300)
 # State polynomials between switches, and the solver of phases: a wrong reading is left soon.
 _PHASE, _POLISH = Collocation(7), Ipopt(tolerance=1e-10, mu_init=1e-4, iterations=80)
 # Coarse optima whose objectives differ by a smaller share are the same one.
-_ALIKE = 1e-4
+_ALIKE = 1e-3
 # Arcs that a phase has at least, on average: the reading of more phases seldom leads to a motion.
 _ARCS_A_PHASE = 1.5
 # Exact optima worse by more than this share than that of the switches have other phases.
 _MISREAD = 1e-3
 # Relaxation that is small against the error of a grid.
 _TIGHT = Complementarity(1e-5, first=1e-2, ratio=0.03)
-# A start competes if its coarse objective is within this share of the best sharp one.
-_HOPEFUL = 0.02
 # Durations of cycles that are simulated at least and at most, each half the one before.
 _LEAST, _MOST = 7, 16
 # Largest changes of the duration of a cycle in a coarse and in a sharp solve.
@@ -431,7 +430,8 @@ def _sharp(
     if duration is not None:
         near = _stretched(near, duration)
     ratio = _NARROW if duration is None else 1.0
-    return _solved(task, near, mesh, treatment, _NEARBY, ratio)
+    solver = _NEARBY if treatment is _DETECTED else _LAST
+    return _solved(task, near, mesh, treatment, solver, ratio)
 
 
 def sharp(task: CrawlTask, first: Solved) -> Solved | None:
@@ -499,25 +499,24 @@ def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[flo
     if task.limits.tick is not None:
         best = _ticked(task, best)
     stages = {"complementarity": begun, "switches": best}
-    rough = float(best.optimum(task).defects.max()) > _ROUGH
-    if rough and (finer := _halved(task, best, report)) is not None:
-        stages["switches"] = best = finer
     exact = polished(task, best, report)
     if exact is not None and exact.objective <= best.objective + _MISREAD * abs(best.objective):
-        stages["phases"] = exact
+        return stages | {"phases": exact}, objectives
+    rough = float(best.optimum(task).defects.max()) > _ROUGH
+    if rough and (finer := _halved(task, best, report)) is not None:
+        stages["halves"] = finer
     return stages, objectives
 
 
 def _sharpest(task: CrawlTask, ranked: Sequence[Solved], report: Report) -> tuple[Solved, Solved]:
-    """Sharpen optima, the best first, until the next ones are worse; the best, coarse and sharp."""
+    """Sharpen the best optima, or the next ones if this fails; the best, coarse and sharp."""
     best: tuple[Solved, Solved] | None = None
     for pair in _hopeful(ranked):
-        if best is not None:
-            level = best[1].objective
-            pair = [one for one in pair if one.objective <= level + _HOPEFUL * abs(level)]
         for k, one in each(partial(sharp, task), pair, report, "switches"):
             if one is not None and (best is None or one.objective < best[1].objective):
                 best = pair[k], one
+        if best is not None:
+            break
     if best is None:
         near = _whole(ranked[0].optimum(task))
         return ranked[0], _sent(_sharp(task, near, task.mesh.arcs))
