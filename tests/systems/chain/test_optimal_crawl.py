@@ -394,7 +394,7 @@ def test_tasks_can_be_sent_to_other_processes():
 def test_sensitivities_are_the_slopes_of_the_optimum():
     def best(**limits) -> float:
         given = {"period": 1.0, "actuator_force": 12.0, "length": (1.4, 2.6)} | limits
-        return value(crawl(want=(), limits=CrawlLimits(**given)), "objective")
+        return -value(crawl(want=(), limits=CrawlLimits(**given)), "objective")
 
     here = crawl(want=())
     step = 0.01
@@ -421,7 +421,7 @@ def test_tighter_limits_hold_and_cost_speed():
         tight = crawl(f"limits.{name}={most}", want=())
         assert tight.status == "ok"
         assert value(tight, "objective") > value(free, "objective") + 1e-4
-        assert value(tight, f"sensitivity.{name}") < 0.0
+        assert value(tight, f"sensitivity.{name}") > 0.0
     t, v = free["instant"].values, free["velocity"].values
     assert np.abs(np.diff(v, axis=0)).max() > 1.8  # so that the limit of rates binds
     assert t[-1] == pytest.approx(1.0)

@@ -25,7 +25,7 @@ _FAST = 1e150
 
 @dataclass(frozen=True)
 class Slope:
-    """Derivative of the minimised objective by one limit."""
+    """Derivative of the maximised speed, or of the cost, by one limit."""
 
     name: str  # "actuator_force[1]", "length.longest"
     value: float
@@ -35,13 +35,15 @@ class Slope:
 
 
 def slopes(task: CrawlTask, optimum: Optimum, cycles: int) -> list[Slope]:
-    """Derivatives of the objective by all limits, from the multipliers of the program.
+    """Derivatives of the maximised speed, or the cost, by all limits, from the multipliers.
 
     The order of rests is kept. A limit that does not bind has 0.
     """
     size = abs(optimum.objective) or 1.0
+    sign = 1.0 if task.objective.minimise else -1.0
     found = []
-    for name, value, quantity, derivative in _slopes(task, optimum, cycles):
+    for name, value, quantity, slope in _slopes(task, optimum, cycles):
+        derivative = sign * slope
         elasticity = derivative * value / size
         binds = abs(elasticity) > _NOTHING
         known = (derivative, elasticity) if binds else (0.0, 0.0)

@@ -548,8 +548,8 @@ def _hopeful(ranked: Sequence[Solved]) -> Iterator[Sequence[Solved]]:
 def converging(task: CrawlTask, near: Solved, report: Report) -> Iterator[Solved]:
     """Solve with smoothed friction of several widths, then on finer grids; yields both in order."""
     arcs = task.mesh.arcs
-    jobs: list[tuple[int, Contacts]] = [(2 * arcs, _narrower(near.speed))]
-    jobs += [(n, _TIGHT) for n in (4 * arcs, 2 * arcs, arcs, arcs // 2)]
+    jobs: list[tuple[int, Contacts]] = [(5 * arcs, _narrower(near.speed))]
+    jobs += [(round(n * arcs), _TIGHT) for n in (10, 5, 2.5, 1.25)]
     found = dict(each(partial(_from_sharp, task, near), jobs, report, "convergence"))
     yield found[0]
     yield from (found[k] for k in (4, 3, 2, 1))
