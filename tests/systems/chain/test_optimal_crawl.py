@@ -453,8 +453,7 @@ def simulated(task: CrawlTask, found: Found) -> tuple[float, float]:
     """Speed with exact friction after many cycles, and how far lengths exceed their range."""
     steps = found.inputs.shape[1]
     breaks = np.linspace(0.0, found.duration, steps + 1)
-    none = np.zeros((1, len(found.inputs)))
-    course = Gait(breaks, found.inputs.T[:, :, None], np.zeros(1), none, none)
+    course = Gait(breaks, found.inputs.T[:, :, None])
     span, masses = 40 * found.duration, task.worm.links + 1
     run = simulate(wo.drive(task.plant, course, periodic=True), span, dense=True)
     assert run.dense is not None
