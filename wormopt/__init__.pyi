@@ -88,6 +88,7 @@ from wormopt.ocp.problem import Ends as Ends
 from wormopt.numerics.collocation import Collocation as Collocation
 from wormopt.ocp.mesh import Mesh as Mesh
 from wormopt.ocp.contact import Regularised as Regularised
+from wormopt.ocp.contact import SwitchDetection as SwitchDetection
 from wormopt.ocp.contact import Complementarity as Complementarity
 from wormopt.ocp.contact import FixedModes as FixedModes
 from wormopt.ocp.motion import Guess as Guess

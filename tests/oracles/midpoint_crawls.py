@@ -69,13 +69,10 @@ def _solved(
     ahead, back = (worm["friction"][k] / force for k in ("forward", "backward"))
     load = ca.DM(worm["load"]) / force
     opti = ca.Opti()
-    l, v, u = (
-        opti.variable(n, _STEPS + 1),
-        opti.variable(n + 1, _STEPS + 1),
-        opti.variable(n, _STEPS),
-    )
+    x, v = opti.variable(n, _STEPS + 1), opti.variable(n + 1, _STEPS + 1)
+    u = opti.variable(n, _STEPS)
     T, width = opti.variable(), opti.parameter()
-    h, middle_l, middle_v = T / _STEPS, (l[:, 1:] + l[:, :-1]) / 2, (v[:, 1:] + v[:, :-1]) / 2
+    h, middle_l, middle_v = T / _STEPS, (x[:, 1:] + x[:, :-1]) / 2, (v[:, 1:] + v[:, :-1]) / 2
     rate = middle_v[:-1, :] - middle_v[1:, :]
     link = ca.repmat(c, 1, _STEPS) * (middle_l - rest) + d * rate - u
     none = ca.MX(1, _STEPS)
@@ -84,13 +81,13 @@ def _solved(
     )
     net = ca.vertcat(none, link) - ca.vertcat(link, none) + ground - ca.repmat(load, 1, _STEPS)
     acceleration = net / ca.repmat(m, 1, _STEPS)
-    opti.subject_to(ca.vec(l[:, 1:] - l[:, :-1] - h * rate) == 0)
+    opti.subject_to(ca.vec(x[:, 1:] - x[:, :-1] - h * rate) == 0)
     opti.subject_to(ca.vec(v[:, 1:] - v[:, :-1] - h * acceleration) == 0)
-    opti.subject_to(l[:, 0] == l[:, -1])
+    opti.subject_to(x[:, 0] == x[:, -1])
     opti.subject_to(v[:, 0] == v[:, -1])
     opti.subject_to(opti.bounded(-most, ca.vec(u), most))
     low, high = (end / length for end in limits["length"])
-    opti.subject_to(opti.bounded(low, ca.vec(l), high))
+    opti.subject_to(opti.bounded(low, ca.vec(x), high))
     scaled = [omega * end for end in range_]
     if scaled[0] < scaled[1]:
         opti.subject_to(opti.bounded(scaled[0], T, scaled[1]))
@@ -109,7 +106,7 @@ def _solved(
     opti.solver("ipopt", _OPTIONS)
     phase = dice.uniform(0, 2 * np.pi, (n, 1))
     t = np.linspace(0, 2 * np.pi, _STEPS + 1)[None]
-    opti.set_initial(l, rest + 0.5 * np.cos(t + phase))
+    opti.set_initial(x, rest + 0.5 * np.cos(t + phase))
     opti.set_initial(T, omega * duration)
     opti.set_initial(u, dice.uniform(0.2, 0.9) * most * np.cos(t[:, :-1] + phase + 1.0))
     guess = None

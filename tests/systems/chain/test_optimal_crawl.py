@@ -1,5 +1,6 @@
 """The best crawl of a chain: exact by phases, repeated by simulation, alike by other routes."""
 
+import pickle
 import re
 from functools import cache
 from pathlib import Path
@@ -8,10 +9,13 @@ import numpy as np
 import pytest
 from outcomes import value
 from places import PROBLEMS
+from random_crawlers import random_crawler, scene_of
 
 import wormopt as wo
+from tests.oracles.midpoint_crawls import Found, crawls
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb
+from wormopt.model.gait import Gait
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Regularised
 from wormopt.ocp.mesh import Mesh
@@ -22,6 +26,8 @@ from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.copies import scenario_model
+from wormopt.systems.chain.crawl_limits import bound_of
+from wormopt.systems.chain.crawl_search import CrawlTask
 from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
 
@@ -295,7 +301,7 @@ def test_soft_crawlers_are_solved_or_told_in_words_of_the_scene(changes: dict, t
     except SolveError as error:
         told = str(error)
     if result is None:
-        assert re.search(r"limits\.(force|length|period)", told)
+        assert re.search(r"limits\.(actuator_force|length|period)", told)
         assert "nominal" not in told
         return
     assert result.status == "ok", result.reason
@@ -316,3 +322,143 @@ def test_sizes_are_those_of_the_scene(changes: dict, tmp_path: Path):
         assert friction.forward <= contact.nominal_force <= friction.backward
         assert contact.nominal_speed == sized.x[1].nominal
     assert study.limits.actuator_force <= 20 * sized.u[0].nominal
+
+
+# -- limits ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ("limits.rate=[1.0, 2.0, 3.0]", r"limits\.rate: 3 entries for 2 links"),
+        ("limits.actuator_force=[1.0, 2.0, 3.0]", r"limits\.actuator_force"),
+        ("limits.length=[[1.4, 2.6]]", r"limits\.length.*one range nor one per link"),
+        ("limits.tick=0.3", r"limits\.period.*no whole number of ticks"),
+        ("limits.force=3.0", "it is called actuator_force now"),
+    ],
+)
+def test_limits_that_do_not_fit_are_refused(changes: str, words: str):
+    with pytest.raises(SceneError, match=words):
+        load_scene(SCENE, [changes])
+
+
+@pytest.mark.parametrize("period", [(1.0, 1.0), (0.6, 2.0), (0.9, 1.2)])
+def test_cycles_fill_an_allowed_period(period: tuple[float, float]):
+    limits = CrawlLimits(period=period, actuator_force=1.0)
+    for duration in np.geomspace(0.01, 3.0, 40):
+        low, high = limits.durations_near(float(duration), 4.0)
+        assert low <= high
+        for one in np.linspace(low, high, 7):
+            counts = np.arange(1, 500)
+            filled = (counts * one >= period[0] * (1 - 1e-9)) & (
+                counts * one <= period[1] * (1 + 1e-9)
+            )
+            assert filled.any()
+
+
+def task_of(**changes) -> CrawlTask:
+    return load_scene(SCENE).table.vary(**changes).task
+
+
+@pytest.mark.parametrize("effort", [0.0, 1e-3, 0.02, 0.3])
+@pytest.mark.parametrize("rate", [None, 0.4])
+@pytest.mark.parametrize("power", [None, 3.0])
+def test_the_bound_is_the_best_balance_of_power(
+    effort: float, rate: float | None, power: float | None
+):
+    """Two links of damping 5 and force 12, three masses of forward friction 1, by brute force."""
+    limits = CrawlLimits(period=1.0, actuator_force=12.0, rate=rate, actuator_power=power)
+    aim = Aim(maximise="speed", effort=effort)
+    bound = bound_of(task_of(limits=limits, objective=aim))
+    a, u = np.meshgrid(np.linspace(0, rate or 1.5, 1501), np.linspace(0, 12, 1201))
+    gain = np.minimum(u * a, power or np.inf) - 5.0 * a**2
+    best = 2 * np.max(gain / 3.0 - effort * u**2)
+    assert bound == pytest.approx(-best, rel=1e-3)
+    assert -bound >= best * (1 - 1e-12)
+
+
+def test_the_energy_of_every_crawl_covers_friction_and_load():
+    aim = Aim(minimise="energy_per_mass_distance", speed=1.0)
+    assert bound_of(task_of(objective=aim)) == pytest.approx(3.0 / 3.0)
+
+
+def test_tasks_can_be_sent_to_other_processes():
+    task = task_of()
+    assert task.plant.n_x == 6
+    again = pickle.loads(pickle.dumps(task))
+    assert again == task
+    assert "plant" not in vars(again)
+
+
+@pytest.mark.slow
+def test_sensitivities_are_the_slopes_of_the_optimum():
+    def best(**limits) -> float:
+        given = {"period": 1.0, "actuator_force": 12.0, "length": (1.4, 2.6)} | limits
+        return -value(crawl(want=(), limits=CrawlLimits(**given)), "objective")
+
+    here = crawl(want=())
+    step = 0.01
+    by_force = (best(actuator_force=12 + step) - best(actuator_force=12 - step)) / (2 * step)
+    assert value(here, "sensitivity.actuator_force") == pytest.approx(by_force, rel=1e-3)
+    by_period = (best(period=1 + step) - best(period=1 - step)) / (2 * step)
+    assert value(here, "sensitivity.period") == pytest.approx(by_period, rel=1e-2)
+    assert value(here, "sensitivity.length.shortest") == 0.0
+
+
+@pytest.mark.slow
+def test_a_cycle_is_a_whole_number_of_ticks():
+    result = crawl("limits.period=[0.5, 2.0]", "limits.tick=0.03", want=())
+    ticks = value(result, "time") / 0.03
+    assert ticks == pytest.approx(round(ticks), abs=1e-9)
+    assert result.status == "ok"
+
+
+@pytest.mark.slow
+def test_tighter_limits_hold_and_cost_speed():
+    free = crawl(want=())
+    limits = {"rate": 1.8, "acceleration": 25.0, "actuator_power": 10.0, "energy_per_cycle": 10.0}
+    for name, most in limits.items():
+        tight = crawl(f"limits.{name}={most}", want=())
+        assert tight.status == "ok"
+        assert value(tight, "objective") > value(free, "objective") + 1e-4
+        assert value(tight, f"sensitivity.{name}") > 0.0
+    t, v = free["instant"].values, free["velocity"].values
+    assert np.abs(np.diff(v, axis=0)).max() > 1.8  # so that the limit of rates binds
+    assert t[-1] == pytest.approx(1.0)
+
+
+# -- random robots against another program ---------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+def test_random_robots_crawl_no_slower_than_by_another_program(seed: int, tmp_path: Path):
+    tables = random_crawler(seed)
+    path = tmp_path / "robot.toml"
+    path.write_text(scene_of(tables))
+    study = load_scene(path).table
+    result = wo.run(study)
+    assert result.status == "ok", result.reason
+    effort = tables["objective"]["effort"]
+    rms = value(result, "input_rms")
+    ours = value(result, "speed_simulated") - effort * rms**2
+    for found in crawls(tables, 4, seed):
+        if found.merit > ours:  # else its smoothed friction has not gained either
+            speed, over = simulated(study.task, found)
+            theirs = speed - effort * np.mean(np.sum(found.inputs**2, axis=0))
+            assert ours >= theirs - 1e-3 * abs(theirs) or over > 1e-3
+
+
+def simulated(task: CrawlTask, found: Found) -> tuple[float, float]:
+    """Speed with exact friction after many cycles, and how far lengths exceed their range."""
+    steps = found.inputs.shape[1]
+    breaks = np.linspace(0.0, found.duration, steps + 1)
+    course = Gait(breaks, found.inputs.T[:, :, None])
+    span, masses = 40 * found.duration, task.worm.links + 1
+    run = simulate(wo.drive(task.plant, course, periodic=True), span, dense=True)
+    assert run.dense is not None
+    x = run.dense(np.linspace(span - found.duration, span, 400))
+    low, high = task.limits.length_ranges(task.worm.links)[0]
+    length = x[: masses - 1] - x[1:masses]
+    over = max(low - length.min(), length.max() - high) / (high - low)
+    return (x[0, -1] - x[0, 0]) / found.duration, over

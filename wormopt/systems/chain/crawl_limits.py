@@ -25,7 +25,7 @@ _FAST = 1e150
 
 @dataclass(frozen=True)
 class Slope:
-    """Derivative of the minimised objective by one limit."""
+    """Derivative of the maximised speed, or of the cost, by one limit."""
 
     name: str  # "actuator_force[1]", "length.longest"
     value: float
@@ -35,13 +35,15 @@ class Slope:
 
 
 def slopes(task: CrawlTask, optimum: Optimum, cycles: int) -> list[Slope]:
-    """Derivatives of the objective by all limits, from the multipliers of the program.
+    """Derivatives of the maximised speed, or the cost, by all limits, from the multipliers.
 
     The order of rests is kept. A limit that does not bind has 0.
     """
     size = abs(optimum.objective) or 1.0
+    sign = 1.0 if task.objective.minimise else -1.0
     found = []
-    for name, value, quantity, derivative in _slopes(task, optimum, cycles):
+    for name, value, quantity, slope in _slopes(task, optimum, cycles):
+        derivative = sign * slope
         elasticity = derivative * value / size
         binds = abs(elasticity) > _NOTHING
         known = (derivative, elasticity) if binds else (0.0, 0.0)
@@ -166,9 +168,14 @@ def _worth(
     force: float, damping: float, rate: float, power: float, *, price: float, effort: float
 ) -> float:
     """Largest power over the price, less the effort of the force that gives it."""
-    turn = 2 * damping * rate
-    flat = rate / (2 * effort * price) if math.isfinite(rate) else math.inf
-    most = min(force, power / rate + damping * rate) if rate else force
-    places = [s for s in (turn, flat, most) if s <= most]
-    values = [_power(s, damping, rate, power) / price - effort * s**2 for s in places if s > 0]
-    return max([0.0, *values])
+    # the force at which another bound holds, and where more force costs as much as it gives
+    places = [
+        force,
+        2 * damping * rate,
+        rate / (2 * effort * price),
+        power / rate if rate else 0.0,
+        math.sqrt(2 * damping * power) if damping else 0.0,
+        (damping * power**2 / (effort * price)) ** 0.25 if damping else 0.0,
+    ]
+    inside = [s for s in places if 0.0 < s <= force]
+    return max(0.0, *(_power(s, damping, rate, power) / price - effort * s**2 for s in inside))

@@ -20,7 +20,7 @@ from wormopt.ocp.motion import Curve, Guess, Motion
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
 from wormopt.ocp.optimise import Contacts, Level, Optimum, optimise
 from wormopt.ocp.problem import Problem
-from wormopt.ocp.switching import optimise_switching_times
+from wormopt.ocp.switching import optimise_switching_times, structure_of
 from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report, silent
 from wormopt.study.numerics import MeshTable
@@ -43,19 +43,23 @@ _SAMPLES = 512
 _COARSE, _RELAXED = 20, Complementarity(1e-2, first=1.0, ratio=0.03)
 _FEW = Ipopt(tolerance=1e-8, iterations=250)
 # Relaxations that find switches, and shortest and longest arcs as shares of the mean one.
-_DETECTED, _SPANS = SwitchDetection(1e-4, first=0.1, ratio=0.04), (0.2, 4.0)
+_DETECTED, _SPANS = SwitchDetection(1e-4, first=0.1, ratio=0.03), (0.2, 4.0)
 _FINE = Complementarity(1e-3, first=1e-2)
+_LAST = Ipopt(tolerance=1e-8, mu_init=1e-3, iterations=150)
+_HALVED = SwitchDetection(1e-4, first=1e-3, ratio=0.1)
+# Largest local error of an arc, in usual sizes of the states, that is not halved.
+_ROUGH = 3e-3
 _NEARBY = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=300)
 # State polynomials between switches, and the solver of phases: a wrong reading is left soon.
 _PHASE, _POLISH = Collocation(7), Ipopt(tolerance=1e-10, mu_init=1e-4, iterations=80)
 # Coarse optima whose objectives differ by a smaller share are the same one.
-_ALIKE = 1e-4
+_ALIKE = 1e-3
+# Arcs that a phase has at least, on average: the reading of more phases seldom leads to a motion.
+_ARCS_A_PHASE = 1.5
 # Exact optima worse by more than this share than that of the switches have other phases.
 _MISREAD = 1e-3
 # Relaxation that is small against the error of a grid.
 _TIGHT = Complementarity(1e-5, first=1e-2, ratio=0.03)
-# A start competes if its coarse objective is within this share of the best sharp one.
-_HOPEFUL = 0.02
 # Durations of cycles that are simulated at least and at most, each half the one before.
 _LEAST, _MOST = 7, 16
 # Largest changes of the duration of a cycle in a coarse and in a sharp solve.
@@ -408,7 +412,13 @@ def _stretched(near: Guess, duration: float) -> Guess:
     )
 
 
-def _sharp(task: CrawlTask, near: Guess, arcs: int, duration: float | None) -> Optimum:
+def _sharp(
+    task: CrawlTask,
+    near: Guess,
+    arcs: int,
+    duration: float | None = None,
+    treatment: SwitchDetection = _DETECTED,
+) -> Optimum:
     """Let arcs end where contacts switch; with a duration, a cycle of that one."""
     mesh = Mesh(
         arcs,
@@ -420,29 +430,48 @@ def _sharp(task: CrawlTask, near: Guess, arcs: int, duration: float | None) -> O
     if duration is not None:
         near = _stretched(near, duration)
     ratio = _NARROW if duration is None else 1.0
-    return _solved(task, near, mesh, _DETECTED, _NEARBY, ratio)
+    solver = _NEARBY if treatment is _DETECTED else _LAST
+    return _solved(task, near, mesh, treatment, solver, ratio)
 
 
 def sharp(task: CrawlTask, first: Solved) -> Solved | None:
     """Sharpen a coarse optimum; None if this fails."""
     try:
-        return _sent(_sharp(task, _whole(first.optimum(task)), task.mesh.arcs, None))
+        return _sent(_sharp(task, _whole(first.optimum(task)), task.mesh.arcs))
     except SolveError:
         return None
 
 
 def polished(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
     """Solve with the phases that the switches show, exactly; None if this fails."""
+    detected = found.optimum(task)
+    phases = structure_of(detected.motion, speed=None).durations
+    if len(phases) > task.mesh.arcs / _ARCS_A_PHASE:
+        return None
     try:
         return _sent(
             optimise_switching_times(
-                found.optimum(task),
+                detected,
                 collocation=_PHASE,
                 tolerance=task.mesh.tolerance,
                 solver=_POLISH,
                 report=report,
             )
         )
+    except SolveError:
+        return None
+
+
+def _halved(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
+    """Solve with arcs halved; None if this fails."""
+    motion = found.optimum(task).motion
+    halves = np.repeat(motion.arcs.duration / 2, 2)
+    report(f"solving with {len(halves)} arcs", None)
+    near = replace(motion.guess, phases=halves)
+    fixed = found.duration[0] == found.duration[1]
+    duration = motion.duration if fixed else None
+    try:
+        return _sent(_sharp(task, near, len(halves), duration, _HALVED))
     except SolveError:
         return None
 
@@ -472,23 +501,25 @@ def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[flo
     stages = {"complementarity": begun, "switches": best}
     exact = polished(task, best, report)
     if exact is not None and exact.objective <= best.objective + _MISREAD * abs(best.objective):
-        stages["phases"] = exact
+        return stages | {"phases": exact}, objectives
+    rough = float(best.optimum(task).defects.max()) > _ROUGH
+    if rough and (finer := _halved(task, best, report)) is not None:
+        stages["halves"] = finer
     return stages, objectives
 
 
 def _sharpest(task: CrawlTask, ranked: Sequence[Solved], report: Report) -> tuple[Solved, Solved]:
-    """Sharpen optima, the best first, until the next ones are worse; the best, coarse and sharp."""
+    """Sharpen the best optima, or the next ones if this fails; the best, coarse and sharp."""
     best: tuple[Solved, Solved] | None = None
     for pair in _hopeful(ranked):
-        if best is not None:
-            level = best[1].objective
-            pair = [one for one in pair if one.objective <= level + _HOPEFUL * abs(level)]
         for k, one in each(partial(sharp, task), pair, report, "switches"):
             if one is not None and (best is None or one.objective < best[1].objective):
                 best = pair[k], one
+        if best is not None:
+            break
     if best is None:
         near = _whole(ranked[0].optimum(task))
-        return ranked[0], _sent(_sharp(task, near, task.mesh.arcs, None))
+        return ranked[0], _sent(_sharp(task, near, task.mesh.arcs))
     return best
 
 
@@ -517,8 +548,8 @@ def _hopeful(ranked: Sequence[Solved]) -> Iterator[Sequence[Solved]]:
 def converging(task: CrawlTask, near: Solved, report: Report) -> Iterator[Solved]:
     """Solve with smoothed friction of several widths, then on finer grids; yields both in order."""
     arcs = task.mesh.arcs
-    jobs: list[tuple[int, Contacts]] = [(2 * arcs, _narrower(near.speed))]
-    jobs += [(n, _TIGHT) for n in (4 * arcs, 2 * arcs, arcs, arcs // 2)]
+    jobs: list[tuple[int, Contacts]] = [(5 * arcs, _narrower(near.speed))]
+    jobs += [(round(n * arcs), _TIGHT) for n in (10, 5, 2.5, 1.25)]
     found = dict(each(partial(_from_sharp, task, near), jobs, report, "convergence"))
     yield found[0]
     yield from (found[k] for k in (4, 3, 2, 1))

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import Fault
+from wormopt.errors import Fault, SceneError
 from wormopt.study.given import Given, entry, number, positive, whole, wrong_count
-from wormopt.study.types import PairPerLink, PerLink, PositiveOrPair, Seed, wrong_order
+from wormopt.study.types import PairPerLink, PerLink, PositiveOrPair, Seed
 from wormopt.systems.spiked import Limits
 
 
@@ -85,12 +85,11 @@ class CrawlLimits(Given):
         return max(low, min(duration / ratio, high)), min(high, max(duration * ratio, low))
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield ranges whose bounds are in the wrong order, and periods without a tick."""
-        yield from (
-            list(wrong_order("period", self.period_range)) or self.ticked.faults_of_keys()
-            if self.tick is not None
-            else wrong_order("period", self.period_range)
-        )
+        """Yield a range in the wrong order, and periods without a tick."""
+        try:
+            _ = self.ticked
+        except SceneError as error:
+            yield from error.faults
 
     def faults_for(self, links: int) -> Iterator[Fault]:
         """Yield lists that do not have one entry per link."""

@@ -120,11 +120,12 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     `[mesh]`: `arcs` is the number of arcs that end at switches, 24 by default; its `tolerance` is
     that of the exact solve. The arrays contain the instants at which arcs join twice.
 
-    **Sensitivities.** The scalars `sensitivity.KEY` give the change of `objective`, which is
-    minimised, per unit of each number of `[limits]` and of `objective.speed`, for the same order of
-    rests; a key with one number per link has a list. They are multipliers of the last solve. A
-    limit that does not bind has 0. With `limits.tick` there is none of the period.
-    `limit_elasticity` is the relative sensitivity; the attribute `limits` holds the names.
+    **Sensitivities.** The scalars `sensitivity.KEY` give the change of the maximised speed less
+    effort, or of the minimised cost, per unit of each number of `[limits]` and of
+    `objective.speed`, for the same order of rests; a key with one number per link has a list. They
+    are multipliers of the last solve. A limit that does not bind has 0. With `limits.tick` there is
+    none of the period. `limit_elasticity` is the relative sensitivity; the attribute `limits` holds
+    the names.
 
     **Bound.** Over a cycle, springs and masses keep their energy, so actuators give what dashpots
     and the ground take. This bounds `objective` for every crawl within the limits of force, power,
