@@ -20,8 +20,8 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.systems.chain.build import chain
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
-from wormopt.systems.chain.tables import Aim, CrawlLimits
 from wormopt.systems.swinging.capsule import CapsuleTable
 from wormopt.systems.swinging.two_mass import Pair
 

@@ -258,9 +258,23 @@ class SwitchDetection(Complementarity):
     The products are those of every speed on an arc with every force on it (cross complementarity).
     On a mesh whose arcs have free durations, collocation keeps its full order.
 
+    Parameters
+    ----------
+    residual, first, ratio : float, optional
+        As for `Complementarity`.
+
     References
     ----------
     A. Nurkanovic, M. Sperl, S. Albrecht, M. Diehl, Numer. Math. 156 (2024) 1115-1162.
+
+    Examples
+    --------
+    Arcs of free duration, between a tenth and a half of the unit of time:
+
+    >>> import wormopt as wo
+    >>> mesh = wo.Mesh(8, 1, wo.Collocation(3, "radau"), 1, spans=(0.1, 0.5))
+    >>> SwitchDetection(1e-4, first=0.1, ratio=0.04).levels
+    (0.1, 0.004, 0.00016, 0.0001)
     """
 
     def close(self, model: Model) -> Closure:

@@ -157,7 +157,8 @@ def lifted(model: Model, states: bool, *, moving: bool) -> Lifted | None:
     `states`: also those of states, for integrators with switches. `moving`: jumps at instants of
     time are switches too, so that derivatives include the motion of the instants.
     """
-    return _Graph(model).lifted(states, moving)
+    graph = _Graph(model)
+    return graph.lifted(states, moving) if graph.may_hold(states=states) else None
 
 
 def may_have(model: Model, operations: np.ndarray) -> bool:
@@ -243,12 +244,36 @@ class _Graph:
         self._symbols = ca.vertcat(*(symbols for symbols, _ in kinds))
         self._kinds = np.repeat([kind for _, kind in kinds], [s.numel() for s, _ in kinds]).tolist()
         self._read(ca.densify(expressions_of(model)))
-        if ca.OP_SIGN in self._operations:
-            self._read(self._walk(self._sides))
 
     def _read(self, expression: ca.SX) -> None:
         self._function = ca.Function("f", [self._symbols], [expression])
         self._operations, self._places = (part.tolist() for part in instructions_of(self._function))
+
+    def may_hold(self, *, states: bool) -> bool:
+        """Whether there may be anything to hold, without conditions of states unless asked for.
+
+        It takes a small part of the time of `_walk`, since no expression is made.
+        """
+        work = [0] * self._function.sz_w()
+        for operation, (target, *source) in zip(self._operations, self._places, strict=True):
+            if operation == ca.OP_OUTPUT:
+                continue
+            if operation == ca.OP_INPUT:
+                work[target] = self._kinds[source[1]]
+                continue
+            depends = 0
+            for i in source:
+                if i >= 0:
+                    depends |= work[i]
+            work[target] = depends
+            if depends & _STATE:
+                if states and (operation in _KINDS or operation == ca.OP_SIGN):
+                    return True
+            elif depends & _TIME and (
+                operation in _KINDS or operation == ca.OP_SIGN or operation in _CURVED
+            ):
+                return True
+        return False
 
     def _sides(self, k: int, arguments: list[ca.SX], _: int) -> ca.SX | None:
         """Two comparisons for a sign, which has three values."""
@@ -345,6 +370,8 @@ class _Graph:
 
     def lifted(self, states: bool, moving: bool) -> Lifted | None:
         """The model with held conditions; None if there are none."""
+        if ca.OP_SIGN in self._operations:
+            self._read(self._walk(self._sides))
         conditions = self._conditions()
         timed = [c for c in conditions if c.of_time]
         jumps = self._jumping([c for c in conditions if not c.of_time]) if states else []

@@ -34,7 +34,7 @@ from wormopt.model.model import Contact, Model, pack
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.numerics.expressions import identically_zero
+from wormopt.numerics.expressions import Call, identically_zero
 from wormopt.progress import Report, silent
 from wormopt.simulation.native.build import repeated
 
@@ -401,15 +401,18 @@ class MoreauJean:
         sizes = np.diff(times) / _STRIDE
         scheduled = self._scheduled(schedule, times)
         columns = [np.append(x0, np.zeros(self._impulses.n_gathered))[:, None]]
-        last = len(sizes)
+        last, span = len(sizes), Call(self._span)
         for first in range(0, last, _SPAN):
             part = slice(first, min(first + _SPAN, last))
             try:
                 report("stepping", first / last)
+                if last - first < _SPAN:
+                    span = Call(self._stride.mapaccum("march", last - first))
+                count = part.stop - first
+                constants = scheduled[:, part].ravel(order="F"), np.tile(numbers, count)
                 with interruptible():
-                    found = self._advance(
-                        columns[-1][:, -1], scheduled[:, part], numbers, sizes[part]
-                    )
+                    (found,) = span(columns[-1][:, -1], *constants, sizes[part])
+                found = found.reshape(-1, count, order="F").copy()
             except KeyboardInterrupt:
                 raise Interrupted(self._steps(times, columns)) from None
             columns.append(found)
@@ -463,13 +466,6 @@ class MoreauJean:
         if schedule is None:
             return np.zeros((self._n_scheduled, len(middle)))
         return schedule.values[schedule.locate(middle)[1]].T
-
-    def _advance(
-        self, x: np.ndarray, scheduled: np.ndarray, numbers: np.ndarray, sizes: np.ndarray
-    ) -> np.ndarray:
-        count = len(sizes)
-        many = self._span if count == _SPAN else self._stride.mapaccum("march", count)
-        return np.array(many(x, scheduled, np.tile(numbers[:, None], count), sizes[None, :]))
 
     @cached_property
     def _span(self) -> ca.Function:

@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.systems.chain.drawn import median_interval, share_interval
 
 MASS, SPRING, DRAG, WHEEL = 1.3, 4.0, 0.7, 0.4
+STATES = np.array(
+    [[0, 1, 0], [-SPRING / MASS, -DRAG / MASS, DRAG / MASS], [0, DRAG / WHEEL, -DRAG / WHEEL]]
+)
 RADIUS, MEMBERS = 0.1, 6
 
 
@@ -256,7 +260,7 @@ samples = 101
 def least_cost(weight: float, arcs: int, end: float) -> float:
     """Least integral of |e|^2 + weight |u|^2 with forces held on arcs, by linear least squares."""
     h, whole = end / arcs, np.zeros((4, 4))
-    whole[:3, :3] = [[0, 1, 0], [-SPRING / MASS, -DRAG / MASS, DRAG / MASS], [0, DRAG / WHEEL, -DRAG / WHEEL]]
+    whole[:3, :3] = STATES
     whole[1, 3] = 1 / MASS
     fine, rows, right = 40, [], []
     step = expm(whole * h / fine)
@@ -289,11 +293,63 @@ def test_the_optimal_input_of_an_own_plant_is_that_of_least_squares(tmp_path: Pa
     assert result.plot("trackers").axes
 
 
+@pytest.mark.slow
 def test_predictive_control_of_an_own_plant_repeats_the_optimum(tmp_path: Path):
     result = wo.run(scene(tmp_path, PREDICTIVE, "want=['predictive']"))
     assert result.status == "ok", result.reason
     assert result["cost"].value[0] == pytest.approx(least_cost(1e-3, 50, 1.0), rel=1e-3)
     assert result["drawn_cost"].values.shape == (4, 2)
+
+
+LINEAR = (
+    f"kind = 'linear'{MODEL}"
+    """
+[reference]
+gait = { shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }
+[tracker]
+feedback = "derivative"
+tube_radius = 0.1
+growth = 100.0
+[gains]
+count = 7
+[time]
+end = 12.0
+samples = 101
+"""
+)
+
+
+def test_linear_theory_of_an_own_plant(tmp_path: Path):
+    result = wo.run(scene(tmp_path, LINEAR, "want=['margins', 'poles', 'bode']"))
+    assert result.status == "ok", result.reason
+    poles = result["pole_real"].values + 1j * result["pole_imag"].values
+    np.testing.assert_allclose(np.sort(poles), np.sort(np.linalg.eigvals(STATES)), atol=1e-9)
+    assert result["common_zero"].value == pytest.approx(
+        -DRAG / WHEEL
+    )  # the wheel, if the cart rests
+    gain = result["gain_learned"].value
+    closed = STATES - gain / MASS * np.outer([0, 1, 0], [1, 1, 0])
+    assert result["pole_slowest"].value == pytest.approx(np.linalg.eigvals(closed).real.max())
+
+    def error(gain: float) -> float:
+        s = 1j * np.pi
+        response = np.linalg.solve(s * np.eye(3) - STATES, [0, 1 / MASS, 0])[0]
+        return 0.3 / abs(1 + gain * (1 + s) * response) - RADIUS
+
+    assert result["gain_linear"].value == pytest.approx(brentq(error, 1.0, 100.0), rel=1e-6)
+    assert result["gain_simulated"].value == pytest.approx(result["gain_linear"].value, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("SPRING * x", "SPRING * ca.sin(x)", "is not linear"),
+        ("SPRING * x", "SPRING * 0.0 * x + 1", "no state of rest"),
+    ],
+)
+def test_linear_theory_refuses_other_plants(tmp_path: Path, old: str, new: str, message: str):
+    with pytest.raises(SceneError, match=message):
+        wo.load(scene(tmp_path, LINEAR, own=OWN.replace(old, new))).task  # noqa: B018
 
 
 def test_results_of_an_own_plant_have_its_units(tmp_path: Path):

@@ -22,8 +22,8 @@ from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.copies import scenario_model
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
-from wormopt.systems.chain.tables import Aim, CrawlLimits
 
 SCENE = PROBLEMS / "optimal_crawl.toml"
 
@@ -309,7 +309,7 @@ def test_soft_crawlers_are_solved_or_told_in_words_of_the_scene(changes: dict, t
 @pytest.mark.parametrize("changes", CRAWLERS[:3])
 def test_sizes_are_those_of_the_scene(changes: dict, tmp_path: Path):
     study = soft(tmp_path, changes).table
-    sized = study.sized(0.25)
+    sized = study.task.sized(0.25)
     assert sized.x[1].nominal == 0.25
     friction = study.worm.friction
     for contact in sized.contacts:

@@ -15,9 +15,10 @@ from wormopt.result import Check
 from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.numerics import TimeSpan, ToleranceTable
 from wormopt.study.types import Pair, Title, wrong_order
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 from wormopt.systems.chain.hardware import Hardware
 from wormopt.systems.chain.predictive import DrawnPlants
-from wormopt.systems.chain.tables import Aim, CrawlLimits, Tube
+from wormopt.systems.chain.tables import Tube
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.spiked import Shape
 

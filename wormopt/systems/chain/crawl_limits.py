@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wormopt.model.friction import Viscous
 from wormopt.ocp.optimise import Optimum
 from wormopt.study.types import per
+from wormopt.systems.chain.crawl_search import CrawlTask
 from wormopt.systems.chain.loops import laws_of
-
-if TYPE_CHECKING:
-    from wormopt.systems.chain.optimal_crawl import OptimalCrawl
 
 # Elasticities below this are rounding.
 _NOTHING = 1e-5
@@ -37,14 +34,14 @@ class Slope:
     elasticity: float
 
 
-def slopes(study: OptimalCrawl, optimum: Optimum, cycles: int) -> list[Slope]:
+def slopes(task: CrawlTask, optimum: Optimum, cycles: int) -> list[Slope]:
     """Derivatives of the objective by all limits, from the multipliers of the program.
 
     The order of rests is kept. A limit that does not bind has 0.
     """
     size = abs(optimum.objective) or 1.0
     found = []
-    for name, value, quantity, derivative in _slopes(study, optimum, cycles):
+    for name, value, quantity, derivative in _slopes(task, optimum, cycles):
         elasticity = derivative * value / size
         binds = abs(elasticity) > _NOTHING
         known = (derivative, elasticity) if binds else (0.0, 0.0)
@@ -53,9 +50,9 @@ def slopes(study: OptimalCrawl, optimum: Optimum, cycles: int) -> list[Slope]:
 
 
 def _slopes(
-    study: OptimalCrawl, optimum: Optimum, cycles: int
+    task: CrawlTask, optimum: Optimum, cycles: int
 ) -> Iterator[tuple[str, float, str, float]]:
-    limits, links = study.limits, study.worm.links
+    limits, links = task.limits, task.worm.links
     prices = optimum.prices
 
     def price(name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -88,10 +85,10 @@ def _slopes(
     if limits.energy_per_cycle is not None:
         above = float(price("limits.energy_per_cycle")[1][0])
         yield "energy_per_cycle", limits.energy_per_cycle, "energy", above
-    if study.objective.speed is not None:
+    if task.objective.speed is not None:
         yield (
             "objective.speed",
-            study.objective.speed,
+            task.objective.speed,
             "speed",
             float(price("objective.speed")[0][0]),
         )
@@ -111,14 +108,14 @@ def _each(
 # -- a bound on every crawl ------------------------------------------------------------------------
 
 
-def bound_of(study: OptimalCrawl) -> float | None:
+def bound_of(task: CrawlTask) -> float | None:
     """Least value of the objective that any crawl within the limits can have; None if unknown.
 
     Over a cycle, springs and masses keep their energy. Actuators give what dashpots and the ground
     take. With a_j, the mean of |l_j'|, a link gives at most u_j a_j - d_j a_j^2, and ground, drag
     and load take at least sum(F+_i + load_i) V + sum(k_i) V^2 at the mean speed V.
     """
-    worm, aim, masses = study.worm, study.objective, study.worm.links + 1
+    worm, aim, masses = task.worm, task.objective, task.worm.links + 1
     laws = laws_of(worm)
     drag = sum(per(worm.drag, masses)) + sum(
         float(law.drag) for law in laws if isinstance(law, Viscous)
@@ -129,7 +126,7 @@ def bound_of(study: OptimalCrawl) -> float | None:
     if aim.minimise is not None:
         least = force + drag * (aim.speed or 0.0) if force >= 0 else 0.0
         return least / sum(per(worm.mass, masses))
-    given = [_power(*one) for one in _links(study)]
+    given = [_power(*one) for one in _links(task)]
     power = sum(given)
     if not math.isfinite(power) or force <= 0.0 < power:
         fast = drag > 0.0 and math.isfinite(power)
@@ -141,14 +138,14 @@ def bound_of(study: OptimalCrawl) -> float | None:
     if aim.effort and force > 0.0:
         # with less force an actuator gives less power, but costs less
         speed = min(
-            speed, sum(_worth(*one, price=force, effort=aim.effort) for one in _links(study))
+            speed, sum(_worth(*one, price=force, effort=aim.effort) for one in _links(task))
         )
     return -speed
 
 
-def _links(study: OptimalCrawl) -> Iterator[tuple[float, float, float, float]]:
+def _links(task: CrawlTask) -> Iterator[tuple[float, float, float, float]]:
     """Largest force, damping, largest rate and power of each link."""
-    limits, n = study.limits, study.worm.links
+    limits, n = task.limits, task.worm.links
     ranges = limits.length_ranges(n) or ((0.0, math.inf),) * n
     most = per(limits.acceleration or math.inf, n)
     # a link that turns within its range at a bounded acceleration has a bounded rate
@@ -156,7 +153,7 @@ def _links(study: OptimalCrawl) -> Iterator[tuple[float, float, float, float]]:
     rates = map(min, per(limits.rate or math.inf, n), implied)
     powers = per(limits.actuator_power or math.inf, n)
     forces = per(limits.actuator_force, n)
-    return zip(forces, per(study.worm.damping, n), rates, powers, strict=True)
+    return zip(forces, per(task.worm.damping, n), rates, powers, strict=True)
 
 
 def _power(force: float, damping: float, rate: float, power: float) -> float:

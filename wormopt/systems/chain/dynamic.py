@@ -18,7 +18,7 @@ from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.study.types import per
-from wormopt.systems.chain.tables import Aim, CrawlLimits
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 
 PERIODS = 6
 """Simulated periods, of which the last is the first guess."""

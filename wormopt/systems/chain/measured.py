@@ -134,6 +134,7 @@ def _observer(system: System) -> tuple[tuple[str, ...], ca.Function]:
     return tuple(rows), system.observe(ca.vertcat(*rows.values()))
 
 
+@lru_cache(maxsize=1)  # several functions ask for it, one motion after the other
 def _seen(motion: Trajectory) -> dict[str, np.ndarray]:
     names, function = _observer(motion.system)
     return dict(zip(names, motion.values(function), strict=True))

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
-
-from msgspec import Meta
+from typing import Any, ClassVar, Literal
 
 from wormopt.errors import Fault, SceneError, SolveError
+from wormopt.progress import Report
 from wormopt.quantities import Scalar, unit_of, unit_ratio
 from wormopt.result import Check, Result
 from wormopt.study import (
-    Given,
     array,
     arrays,
     attributes,
     checks,
     entry,
     facts,
-    number,
     on_use,
     parts,
     scalar,
@@ -30,12 +27,12 @@ from wormopt.study import (
     stage,
     value,
     warnings,
-    whole,
 )
 from wormopt.study.members import AbsentError
-from wormopt.study.numerics import MeshTable, Start
-from wormopt.study.types import Seed, per
-from wormopt.systems.chain.tables import Aim, ChainTable, CrawlLimits
+from wormopt.study.numerics import MeshTable
+from wormopt.study.types import per
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits, Robust, Search
+from wormopt.systems.chain.tables import ChainTable
 from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, over
 from wormopt.systems.shared.gravity import assumed, cost_of_transport
 from wormopt.systems.shared.optimal_motion import OptimalMotion
@@ -46,23 +43,12 @@ with on_use():
     import numpy as np
 
     from wormopt.control.drive import drive
-    from wormopt.model.model import Model
-    from wormopt.ocp.motion import Guess, Motion
+    from wormopt.ocp.motion import Motion
     from wormopt.ocp.optimise import Optimum
-    from wormopt.ocp.problem import Problem
     from wormopt.simulation.simulate import simulate
-    from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
     from wormopt.systems.chain.crawl_limits import Slope, bound_of, slopes
-    from wormopt.systems.chain.crawl_search import (
-        Earlier,
-        Solved,
-        converging,
-        polyline,
-        search,
-        starts,
-    )
-    from wormopt.systems.chain.dynamic import PERIODS, crawl_problem
-    from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
+    from wormopt.systems.chain.crawl_search import CrawlTask, Earlier, Solved, converging, search
+    from wormopt.systems.chain.dynamic import PERIODS
     from wormopt.systems.shared.optimum import ACCEPTED, modes_of, warnings_of_reading
     from wormopt.systems.shared.signals import chain_expressions
 
@@ -71,55 +57,10 @@ _SHOWN = ("length", "velocity", "contact_force", "input")
 # Accepted end error of the simulation where contact is relaxed: on arcs that end at switches, and
 # on a grid.
 _ACCEPTED_AT_SWITCHES, _ACCEPTED_ON_GRID = 5e-3, 2e-2
-# The least friction counts, but at least this share of the largest.
-_FRICTION = 1e-2
-# Largest input in nominal sizes.
-_USUAL_SIZES = 20.0
+# A crawl slower than this share of the usual speed of its masses does not advance.
+_RESTS = 1e-4
 # Widths of the smoothed law that show its order of convergence.
 _WIDTHS = 5
-
-
-class Search(Given):
-    """Starting points of the search. Results are local optima; strong actuators have many."""
-
-    starts: int = whole(
-        1,
-        1000,
-        "number of starts: the best of simulated waves of forces, the optimum with smoothed "
-        "friction, the designed gait of a worm with spikes, another wave, random waves",
-        default=4,
-    )
-    seed: Seed = entry("seed of the starts", default=0)
-    result: Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None = (
-        entry(
-            "the first start is the crawl of an earlier result with the same number of links; "
-            "path relative to the scene's folder",
-            default=None,
-        )
-    )
-
-
-class Robust(Given):
-    """One input for several chains with randomly drawn parameters.
-
-    Masses, stiffness, damping and friction are drawn around the scene's values. Contact is then a
-    complementarity condition on the grid of `[mesh]`, which is not exact. `speed_simulated` lists
-    the speed of each chain after many periods. Not allowed: `minimise`, and `want =
-    ["convergence"]`.
-    """
-
-    draws: int = whole(1, 20, "number of chains besides the nominal one", default=4)
-    spread: float = number(
-        "share",
-        "half width of the range, as a share of the nominal value",
-        above=0,
-        below=1,
-        default=0.3,
-    )
-    seed: Seed = entry("seed of the drawn chains", default=0)
-    judge: Literal["mean", "worst"] = entry(
-        "criterion: the average speed of the chains, or the speed of the slowest", default="mean"
-    )
 
 
 @dataclass(frozen=True)
@@ -166,17 +107,28 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     """Optimise the inputs of a chain that crawls on dry friction: fastest or cheapest.
 
     It finds the periodic inputs with which the chain crawls fastest, or at the least energy.
-    Velocities repeat after a period; positions advance by the same amount. Contact is exact dry
-    friction: a relaxed solve finds which masses rest when, a second solve optimises the switching
-    times, and an exact simulation repeats the motion with the inputs found. See
+    Velocities repeat after a cycle; positions advance by the same amount. A period is a whole
+    number of equal cycles; results describe one cycle, and `cycles` is their number in the shortest
+    period. Contact is dry friction. A coarse solve with relaxed contact from every start finds good
+    motions; in the best ones arcs end where contacts switch; a last solve prescribes the contact
+    modes found and is exact. An exact simulation repeats the motion with the inputs found. See
     [optimal.md](../optimal.md).
 
-    If the crawl repeats within the period, results describe a single cycle, and a warning gives the
-    number of cycles. If the relaxed motion shows no distinct phases, contact stays a
-    complementarity condition on a finer grid, and a warning says so.
+    If the exact solve fails or loses more than 0.1 %, the motion with arcs that end at switches is
+    the result, accurate to about a thousandth, and a warning says so.
 
-    `[mesh]` is the mesh of the relaxed solve, with 60 arcs by default; its `tolerance` is that of
-    the exact solve. The arrays contain the instants at which arcs join twice.
+    `[mesh]`: `arcs` is the number of arcs that end at switches, 24 by default; its `tolerance` is
+    that of the exact solve. The arrays contain the instants at which arcs join twice.
+
+    **Sensitivities.** The scalars `sensitivity.KEY` give the change of `objective`, which is
+    minimised, per unit of each number of `[limits]` and of `objective.speed`, for the same order of
+    rests; a key with one number per link has a list. They are multipliers of the last solve. A
+    limit that does not bind has 0. With `limits.tick` there is none of the period.
+    `limit_elasticity` is the relative sensitivity; the attribute `limits` holds the names.
+
+    **Bound.** Over a cycle, springs and masses keep their energy, so actuators give what dashpots
+    and the ground take. This bounds `objective` for every crawl within the limits of force, power,
+    rate and acceleration; see [optimal.md](../optimal.md#bound-of-crawls).
     """
 
     pictures: ClassVar = {
@@ -207,7 +159,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     want: tuple[Literal["signals", "convergence", "animation"], ...] = entry(
         "`signals`: signals over time; `animation`: the moving worm, as a GIF; `convergence`: "
         "further solves with smoothed contact and on finer grids, and their convergence to the "
-        "exact answer (about half a minute more)",
+        "exact answer",
         default=(),
     )
     worm: ChainTable = entry("the chain, with `friction` and without `random`")
@@ -257,59 +209,23 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         """Whether the crawl is designed for one chain."""
         return self.robust is None
 
-    # -- the problem -------------------------------------------------------------------------------
-
-    @cached_property
-    def plant(self) -> Model:
-        """The nominal chain, in usual sizes of its rest lengths and periods."""
-        rest = float(np.mean(per(self.worm.rest_length, self.worm.links)))
-        size = rest / 2 if rest > 0 else 1.0
-        links = draw_links(self.worm, 1.0)
-        return build_chain(self.worm, Start(), links, size, self.limits.period_range[1])
-
-    @cached_property
-    def draws(self) -> list[dict[str, np.ndarray]]:
-        """Parameters of each chain that differ from the nominal ones; the first is nominal."""
-        if self.robust is None:
-            return [{}]
-        random, own = np.random.default_rng(self.robust.seed), numbers_of(self.plant)
-        factors = [draw_factors(own, self.robust.spread, random) for _ in range(self.robust.draws)]
-        return [{}, *({name: own[name] * f for name, f in drawn.items()} for drawn in factors)]
-
-    def sized(self, speed: float) -> Model:
-        """Scale the plant by the usual size of velocities, and by friction.
-
-        Masses and periods alone give forces that are too small by orders of magnitude for light
-        worms.
-        """
-        plant, force = self.plant, max(per(self.limits.actuator_force, self.worm.links))
-        position, velocity = plant.x
-        velocity = replace(velocity, nominal=max(speed, velocity.nominal / 10))
-        held = [end for law in laws_of(self.worm) for end in law.stick_interval]
-        sizes = np.abs(np.array(held, dtype=float))
-        sizes = np.minimum(sizes[sizes > 0], force)
-        friction = float(max(sizes.min(), _FRICTION * sizes.max()) if len(sizes) else force)
-        return replace(
-            plant,
-            x=[position, velocity],
-            u=[replace(u, nominal=max(friction, force / _USUAL_SIZES)) for u in plant.u],
-            contacts=[
-                replace(c, nominal_force=friction, nominal_speed=velocity.nominal)
-                for c in plant.contacts
-            ],
-        )
-
-    def problem(self, speed: float) -> Problem:
-        """State the problem where velocities have this usual size."""
-        plant = self.sized(speed)
-        if self.robust is None:
-            return crawl_problem(plant, self.limits, self.objective)
-        copies = scenario_model(plant, self.draws)
-        return crawl_problem(copies, self.limits, self.objective, self.robust.judge)
-
     # -- solving -----------------------------------------------------------------------------------
 
-    def earlier(self, name: str) -> Guess:
+    @cached_property
+    def task(self) -> CrawlTask:
+        """What is optimised, for other processes."""
+        return CrawlTask(
+            self.worm,
+            self.limits,
+            self.objective,
+            self.mesh,
+            self.search.starts,
+            self.search.seed,
+            None if self.search.result is None else self._earlier(self.search.result),
+            self.robust,
+        )
+
+    def _earlier(self, name: str) -> Earlier:
         """Read the crawl of an earlier result; SceneError if it has none that fits."""
         try:
             earlier = Result.load(self.folder / name)
@@ -322,24 +238,17 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         if len(inputs) != self.worm.links:
             message = f"{name} has {len(inputs)} links; write a result with {self.worm.links}"
             raise SceneError(self.name, [("search.result", message)])
-        return Guess(float(t[-1]), polyline(t, states), polyline(t, inputs), polyline(t, forces))
+        return Earlier(t, states, inputs, forces)
 
     @cached_property
     def found(self) -> tuple[dict[str, Solved], list[float]]:
         """Optima of all stages by name, and the coarse objectives of all starts."""
-        name = self.search.result
-        first = starts(self) if name is None else [Earlier(name), *starts(self)]
-        return search(self, first[: self.search.starts])
-
-    @property
-    def found_sharp(self) -> Solved:
-        """The optimum whose arcs end at switches."""
-        return self.found[0]["switches"]
+        return search(self.task, self.report)
 
     def solve(self) -> dict[str, Optimum]:
         """Solve with relaxed contact, then with arcs that end at switches, then with phases."""
         try:
-            return {name: one.optimum(self) for name, one in self.found[0].items()}
+            stages, _ = self.found
         except SolveError as error:
             if error.code != "not_solved":
                 raise
@@ -348,6 +257,22 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
                 "no crawl was found within limits.period, limits.actuator_force and limits.length"
             )
             raise SolveError(what, error.suggestion, error.partial, error.code) from None
+        optima = {name: one.optimum(self.task) for name, one in stages.items()}
+        self._refuse_rest([*optima.values()][-1].motion)
+        return optima
+
+    def _refuse_rest(self, motion: Motion) -> None:
+        """Raise SolveError if the best crawl stays where it is, or slides back."""
+        start, end = motion.states(np.array([0.0, motion.duration])).T
+        usual = motion.program.problem.model.x[1].nominal
+        if end[0] - start[0] > _RESTS * usual * motion.duration:
+            return
+        raise SolveError(
+            "no crawl within limits.period, limits.actuator_force and limits.length advances",
+            "write a larger limits.actuator_force, or less friction forward, load or slope",
+            motion,
+            "at_rest",
+        )
 
     @property
     def exact(self) -> bool:
@@ -384,11 +309,11 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         """Speed of each chain in the last of several simulated periods."""
         self.report("simulating the crawl", 0.95)
         period, masses = self.motion.duration, self.worm.links + 1
-        driven = drive(self.plant, self.motion.input_course(), periodic=True)
+        driven = drive(self.task.plant, self.motion.input_course(), periodic=True)
         begin = {"position": self.ends[:masses, 0], "velocity": self.ends[masses : 2 * masses, 0]}
         span = (2 if self.single_chain else 4 * PERIODS) * period
         speeds: list[float] = []
-        for draw in self.draws:
+        for draw in self.task.draws:
             run = simulate(driven, span, x0=begin, p=dict(draw), dense=True)
             assert run.dense is not None
             x = run.dense(np.array([span - period, span]))[0]
@@ -445,7 +370,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @stage
     def sensitivity(self) -> list[Slope]:
-        return slopes(self, self.optimum, self.cycles_in_period)
+        return slopes(self.task, self.optimum, self.cycles_in_period)
 
     @scalars({}, when="single_chain")
     def derivatives(self) -> dict[str, Scalar]:
@@ -470,7 +395,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     @cached_property
     def least(self) -> float | None:
         """Bound on the objective of every crawl; None if there is none."""
-        return bound_of(self) if self.single_chain else None
+        return bound_of(self.task) if self.single_chain else None
 
     @property
     def is_bounded(self) -> bool:
@@ -523,7 +448,8 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
             return f"{what}, so the motion does not show the phases"
         try:
             with np.errstate(all="ignore"):
-                return converge(self, self.optimum)
+                sharp = self.found[0]["switches"]
+                return converge(self.task, sharp, self.optimum, self.report)
         except SolveError as error:
             return f"{what}: {error}"
 
@@ -555,13 +481,16 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     def doubts(self) -> Iterator[str]:
         if self.exact:
             yield from warnings_of_reading(self.optimisation.optima["switches"], self.optimum)
-        else:
-            why, part = "the motion shows no distinct phases", "hundred"
-            if self.robust is not None:
-                why, part = "several worms", "thousand"
+        elif self.single_chain:
             yield (
-                f"{why}: contact is a complementarity condition on a grid, so the motion is "
-                f"accurate to about one part in a {part}; speed_simulated is the speed of each "
+                "no exact motion with these switches was found: contact is a complementarity "
+                "condition on arcs that end at switches, so the motion is accurate to about one "
+                "part in a thousand; speed_simulated is the speed in the exact simulation"
+            )
+        else:
+            yield (
+                "several worms: contact is a complementarity condition on a grid, so the motion "
+                "is accurate to about one part in a hundred; speed_simulated is the speed of each "
                 "worm in the exact simulation"
             )
         if self.search.starts == 1:
@@ -592,9 +521,9 @@ def work_of(motion: Motion) -> float:
 # -- convergence of relaxed contact ----------------------------------------------------------------
 
 
-def converge(study: OptimalCrawl, exact: Optimum) -> Convergence:
+def converge(task: CrawlTask, sharp: Solved, exact: Optimum, report: Report) -> Convergence:
     """Solve again with narrower laws and on finer grids, from the same local optimum."""
-    smoothed, *on_grids = (one.optimum(study) for one in converging(study))
+    smoothed, *on_grids = (one.optimum(task) for one in converging(task, sharp, report))
     best = exact.objective
     levels = smoothed.levels[-_WIDTHS:]
     width = np.array([level.level for level in levels])

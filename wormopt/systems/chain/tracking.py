@@ -126,6 +126,7 @@ _OF_PLANT = {
     "force": {"force": 1},
     "speed": {"length": 1, "time": -1},
     "energy": {"force": 1, "length": 1},
+    "compliance": {"length": 1, "force": -1},
     "length_squared_time": {"length": 2, "time": 1},
     "effort": {"force": 2, "time": 1},
 }
@@ -162,6 +163,11 @@ class Tracking(Following):
         """The plant without a controller."""
         return self.plant_for(self.gait)
 
+    @property
+    def shift(self) -> float:
+        """How far the gait is ahead, within a period."""
+        return self.reference.shift % self.gait.period
+
     def target(self, plant: Model) -> Followed:
         """Reference of a plant."""
-        return gait_reference(self.gait, plant.t, shift=self.reference.shift % self.gait.period)
+        return gait_reference(self.gait, plant.t, shift=self.shift)

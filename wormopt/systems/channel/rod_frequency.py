@@ -34,7 +34,7 @@ from wormopt.study import (
 )
 from wormopt.study.types import Positive, Title
 from wormopt.systems.channel.rod_course import RodPoint
-from wormopt.systems.channel.rod_motion import RodMotion, Switching
+from wormopt.systems.channel.rod_motion import RodMotion, Switching, point_of
 from wormopt.systems.channel.tables import Course, Pattern, RodStudy
 
 with on_use():
@@ -658,6 +658,5 @@ def _told(motions: Sequence[RodMotion], found: Sequence[Point]) -> list[RodPoint
 
 def rod_result(motion: RodMotion) -> Result:
     """Simulate a rod; its result is kept with a `RodPoint` for scalars, and nothing else."""
-    point = structs.replace(motion).point  # of a copy, which keeps no states
-    scalars = {name: Scalar(number) for name, number in asdict(point).items()}
+    scalars = {name: Scalar(number) for name, number in asdict(point_of(motion)).items()}
     return Result(motion.name, motion.kind, scalars=scalars)

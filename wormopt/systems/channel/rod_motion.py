@@ -36,6 +36,7 @@ with on_use():
 
     from wormopt.magnetics.blocks import BlockField
     from wormopt.model.schedule import Schedule
+    from wormopt.numerics.workers import each
     from wormopt.simulation.moreau import MoreauJean, StepRecord
     from wormopt.systems.channel.closed_forms import warnings_of_susceptibility
     from wormopt.systems.channel.rod import Rod
@@ -308,14 +309,12 @@ class RodMotion(RodStudy, kind="rod-motion"):
 
     @stage
     def repetitions(self) -> list[tuple[str, float, RodPoint]]:
-        given, found = self.convergence, []
+        given = self.convergence
         others = [("step", share, self.finer(share=share)) for share in given.steps]
         others += [("elements", count, self.finer(count)) for count in given.elements]
-        for name, size, other in others:
-            self.report(f"again with {name} {size:g}")
-            found.append((name, size, other.point))
-            other.forget()
-        return found
+        jobs = [other for _, _, other in others]
+        found = dict(each(point_of, jobs, self.report, "again, more finely"))
+        return [(name, size, found[k]) for k, (name, size, _) in enumerate(others)]
 
     @cached_property
     def mean_place(self) -> np.ndarray:
@@ -486,6 +485,11 @@ class RodMotion(RodStudy, kind="rod-motion"):
                 "not converged; write a larger time.settle or a longer time.end"
             )
         yield from warnings_of_susceptibility(self.worm.susceptibility)
+
+
+def point_of(motion: RodMotion) -> RodPoint:
+    """Simulate a copy of a motion, which keeps no states."""
+    return structs.replace(motion).point
 
 
 @lru_cache(maxsize=16)

@@ -475,11 +475,16 @@ class FilmSetup:
     ) -> Trajectory:
         """Return the motion under periodic currents until the last of the times."""
         return simulate(
-            drive(self.model(), currents, periodic=True), float(times[-1]), times=times,
+            _driven(self, currents), float(times[-1]), times=times,
             x0={"position": self.start} if self.cargo else None,
             route="cvodes", report=report,
             tolerance=Tolerance(tolerance, tolerance, max_steps=_STEPS),
         )  # fmt: skip
+
+
+@lru_cache(maxsize=4)  # shorter steps need no other model
+def _driven(setup: FilmSetup, currents: Gait) -> Model:
+    return drive(setup.model(), currents, periodic=True)
 
 
 def surface_pull(fluid: Fluid, H: Sequence[Any], slope: Any, *, own_field: bool) -> Any:

@@ -531,7 +531,8 @@ def _vary(race: Race, settings: Search) -> Iterator[str]:
     if race.long:
         most = race.trier.work + _OF_LONG * most
     in_vain, gain = 0, _GAIN if race.long else _BETTER
-    while in_vain < effort.patience:
+    patience = 1 if race.poor else effort.patience  # the search of a similar task varied before
+    while in_vain < patience:
         enough = race.record(0) + gain * abs(race.record(0))
         width = effort.width << in_vain  # if variations of the best fail, those of others may not
         for batch in _batches(islice(_variations(race, settings, width), effort.varied)):
