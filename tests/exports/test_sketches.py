@@ -92,11 +92,16 @@ needs_gcc = pytest.mark.skipif(GCC is None or not shutil.which("g++"), reason="t
 
 
 @needs_gcc
-@pytest.mark.parametrize("which", ["fast", "rough", "designed"])
+@pytest.mark.parametrize("which", ["fast", "rough", "designed", "table"])
 def test_single_precision_gives_the_lengths_of_the_formulas(
-    fast: Result, designed: Result, which: str, tmp_path: Path
+    fast: Result, designed: Result, walk: Result, which: str, tmp_path: Path
 ):
-    gait = {"fast": gait_in(fast), "rough": rough(), "designed": gait_in(designed)}[which]
+    if which == "table":
+        (file,) = wo.export(walk, "csv", tmp_path / "links.csv", step="10 ms")
+        gait = wo.load_gait(file)
+        assert gait.pieces > 100
+    else:
+        gait = {"fast": gait_in(fast), "rough": rough(), "designed": gait_in(designed)}[which]
     wo.export(gait, "arduino", tmp_path / "walk.ino")
     library = built(tmp_path / "walk", "walk")
     found = np.empty((3, gait.links), np.float32)

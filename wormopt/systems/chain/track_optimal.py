@@ -127,8 +127,9 @@ class TrackOptimal(Tracking, kind="track-optimal"):
         yield from super().faults_of_keys()
         if self.tube.capture >= self.time.end:
             yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
-        if self.model is not None and "motion" in self.want:
-            yield "want", '"motion" shows masses of a chain; write "trackers"'
+        for word in ("motion", "animation"):
+            if self.model is not None and word in self.want:
+                yield "want", f'"{word}" shows masses of a chain; write "trackers"'
 
     def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
         """Yield what is not supported of a chain."""
