@@ -194,7 +194,7 @@ def judge_design(seed: int) -> dict[str, Any]:
     numbers = found.values
     freedom = found.task.count - len(numbers)
     mass_found = tuple(numbers[:3].tolist())
-    believed = Believed(mass_found, numbers[3], numbers[4], found.covariance, freedom)
+    believed = Believed.of_one_load(mass_found, *numbers[3:], found.covariance, freedom)
     robust = design_believed(believed, LIMITS, confidence=CONFIDENCE, search=ORDER)
     spent = time.process_time() - clock
     plant = wo.Worm(2, tuple(mass.tolist()), drag, load)
@@ -204,9 +204,9 @@ def judge_design(seed: int) -> dict[str, Any]:
         "seed": seed,
         "converged": found.converged,
         "cpu": spent,
-        "distance": believed.distance(np.array([*mass, drag, load])),
+        "distance": believed.distance(np.array([*mass, drag, load, load, load])),
         "reach": robust.reach,
-        "width": robust.width,
+        "widths": robust.widths,
         "spike_load": float(motion.extremes("reaction")[1].max()),
         "spike_load_bold": float(bold.extremes("reaction")[1].max()),
         "glides": [len(motion.glides), len(bold.glides)],

@@ -22,6 +22,8 @@ CHAIN_MASS, CHAIN_START, CHAIN_NOISE = (0.30, 0.25, 0.30), (0.12, 0.06, 0.0), 3e
 PAIR = {"damping": 0.012, "forward": 0.5 * 0.036, "backward": 1.0 * 0.036}
 PAIR_PUSH, PAIR_NOISE = 0.036, 0.01
 CRAWL, CRAWL_NOISE = Crawler(FastGait(2.0), np.array([1.1, 0.9, 1.3]), 0.5, 5.3), 0.2
+FILM_MASS, FILM_PIXEL, FILM_FRAME = (0.20, 0.15, 0.20), 2e-4, 0.02
+FILM_GROUND, FILM_START = Ground(0.25, 1.0), (0.30, 0.15, 0.0)
 
 
 def lines(time: np.ndarray, rows: np.ndarray) -> Course:
@@ -44,6 +46,22 @@ def crawling(end: float, period: float, lag: float, seed: int) -> tuple[Seen, np
     worm = chain(np.array(CHAIN_MASS), stiffness, damping, rest, [one] * 3, lines(time, force))
     seen = follow(worm, time, np.array(CHAIN_START), np.zeros(3))
     return disturb(seen, {"position": CHAIN_NOISE}, seed, gaps=0.02), force
+
+
+def filmed(seed: int) -> str:
+    """What a tracking program writes of a worm of three masses that is let go with long links."""
+    time = FILM_FRAME * np.arange(76)
+    none = lines(time, np.zeros((2, len(time))))
+    spring = np.full(2, 45.0), np.full(2, 0.5), 0.06
+    worm = chain(FILM_MASS, *spring, [FILM_GROUND] * 3, none)
+    seen = follow(worm, time, np.array(FILM_START), np.zeros(3))
+    seen = disturb(seen, {"position": FILM_PIXEL}, seed, gaps=0.05)
+    pixels = np.round(seen.values["position"] / FILM_PIXEL, 1)
+    rows = [
+        ";".join([str(700 + k), *("" if np.isnan(v) else f"{v:.1f}" for v in column)])
+        for k, column in enumerate(pixels.T)
+    ]
+    return "\n".join(["Tracker 6.1", "frame;head;middle;tail", *rows]) + "\n"
 
 
 def pulsating(end: float, seed: int) -> Seen:
@@ -73,6 +91,7 @@ def main() -> None:
         columns = {"time [s]": seen.time, **{f"x{k} [mm]": x[k] for k in range(3)}}
         columns |= {f"u{k} [N]": force[k] for k in range(2)}
         write(f"chain_{name}.csv", about, columns, ".7g")
+    (HERE / "film.csv").write_text(filmed(21), encoding="utf-8")
     seen = pulsating(80.0, 3)
     about = "synthetic: equation (16) by scipy's DOP853 with events, tests/make_recordings.py"
     columns = {"time": seen.time, **{f"position[{k}]": seen.values["position"][k] for k in (0, 1)}}

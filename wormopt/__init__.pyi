@@ -74,6 +74,8 @@ from wormopt.control.loop import Reference as Reference
 from wormopt.control.loop import gait_reference as gait_reference
 from wormopt.control.loop import FeedForward as FeedForward
 from wormopt.control.lqr import lqr as lqr
+from wormopt.systems.chain.compare import compare as compare
+from wormopt.systems.chain.hardware import Hardware as Hardware
 from wormopt.control.predictive import plan_mpc as plan_mpc
 from wormopt.control.predictive import run_mpc as run_mpc
 from wormopt.control.predictive import MpcOptions as MpcOptions

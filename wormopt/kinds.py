@@ -66,7 +66,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "planar-crawl", "planar-swim", "planar-motion", "planar-design", "planar-turn",
         "planar-path", "planar-serpenoid", "planar-block",
     ),
-    "Recordings and fits": ("fit", "fit-numbers", "fit-design", "experiment"),
+    "Recordings and fits": ("fit", "fit-numbers", "fit-design", "friction-design", "experiment"),
     "Small problems": ("slide", "two-mass", "capsule", "harmonic-masses"),
 }  # fmt: skip
 """Titles of systems, and the kinds of scene of each."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import codecs
 import csv
 import math
+import operator
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -37,6 +38,9 @@ _MOST_ABOVE, _LOOKED_AT = 100, 30
 # Most lines of a cell in quotation marks.
 _MOST_LINES_OF_CELL = 5
 _SEPARATORS = (";", "\t", ",", " ")
+# Sizes of unsigned numbers in bits, and the share of their range next to each end for numbers that
+# were negative. Short ones may be readings, too, unless they are very near the ends.
+_BITS = {16: 1 / 16, 32: 1 / 4, 64: 1 / 4}
 # "position[1]" is an entry, "position [1]" a number without a unit
 _BRACKETS = re.compile(
     r"(?P<name>.*?)(?:\s+\[(?P<one>1)\]|\s*\[(?P<square>(?!\d+\])[^\]]+)\]"
@@ -87,6 +91,8 @@ class TextTable:
         Number of the line of names, 0 if there is none.
     lines : tuple of int
         Number of the line of each row.
+    wrapped : dict of str to int
+        Columns whose negative numbers the file has as unsigned ones, and the bits of these.
     """
 
     values: dict[str, Sequence[float]]
@@ -95,6 +101,7 @@ class TextTable:
     remarks: tuple[str, ...]
     head: int
     lines: tuple[int, ...]
+    wrapped: dict[str, int]
 
 
 def read_table(
@@ -174,7 +181,7 @@ def parse_table(
     rows = [row for row in rows if _fits(row, names, wrong)]
     comma = _has_decimal_commas(rows, names, wrong)
     values: dict[str, Sequence[float]] = {}
-    texts = set[str]()
+    texts, wrapped = set[str](), dict[str, int]()
     for k, name in enumerate(names):
         cells = [(n, row[k]) for n, row in rows]
         numbers = [_number(cell, comma) for _, cell in cells]
@@ -190,9 +197,15 @@ def parse_table(
                     what = "is infinite; leave the cell empty where there is no number"
                     wrong.append((name, f" line {n}, column {name}: {cell} {what}"))
         values[name] = tuple(math.nan if v is None or name in texts else v for v in numbers)
+        if name != time and (bits := _bits_of_wrapped(values[name])):
+            wrapped[name] = bits
+            values[name] = tuple(
+                float(int(cell if cell.isdecimal() else v) - 2**bits) if v > 2.0**bits / 2 else v
+                for v, (_, cell) in zip(values[name], cells, strict=True)
+            )
     wrong.sort(key=_line_of)
-    kept = tuple(text for _, text in remarks)
-    return TextTable(values, units, frozenset(texts), kept, at, tuple(n for n, _ in rows))
+    kept, at_lines = tuple(text for _, text in remarks), tuple(n for n, _ in rows)
+    return TextTable(values, units, frozenset(texts), kept, at, at_lines, wrapped)
 
 
 def unit_meant(name: str) -> tuple[str, str]:
@@ -469,6 +482,21 @@ def _number(cell: str, comma: bool) -> float | None:
         return float(cell) if "_" not in cell else None
     except ValueError:
         return math.nan if cell.lower() in _GAPS else None
+
+
+def _bits_of_wrapped(numbers: Sequence[float]) -> int:
+    """Bits of unsigned numbers in which a column has negative ones, 0 if it has none.
+
+    Such a column is of whole numbers, each either small or just below the largest one.
+    """
+    there = [v for v in numbers if v == v]
+    if not there or min(there) < 0 or not all(v.is_integer() for v in there):
+        return 0
+    bits = next((bits for bits in _BITS if max(there) < 2.0**bits), 64)
+    size = 2.0**bits
+    below = [v >= size * (1 - _BITS[bits]) for v in there]
+    small = (v < size * _BITS[bits] for v in there)
+    return bits if any(below) and all(map(operator.or_, below, small)) and not all(below) else 0
 
 
 def _is_number(cell: str) -> bool:

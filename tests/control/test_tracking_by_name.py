@@ -1,6 +1,7 @@
 """Models whose output and input have names of their own are tracked like any other."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -10,7 +11,7 @@ import pytest
 import wormopt as wo
 from wormopt.control.funnel import Funnel, funnel_tracker
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
-from wormopt.control.loop import Reference, gait_reference, with_reference
+from wormopt.control.loop import Reference, as_tracked, gait_reference, with_reference
 from wormopt.control.lqr import lqr
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
@@ -103,3 +104,39 @@ def test_names_that_are_not_there_are_told(
     }[close]
     with pytest.raises(ArgumentError, match=said):
         close(plant, gait_reference(STILL, plant.t), **needed, **names)
+
+
+def carriage() -> wo.Model:
+    """Two integrators, and a third that the input reaches last."""
+    far, x, v, u = (ca.SX.sym(name) for name in ("far", "x", "v", "u"))
+    states = [wo.Signal(n, s, value=0.0) for n, s in zip("fxv", (far, x, v), strict=True)]
+    outputs = [wo.Output("both", ca.vertcat(x, far)), wo.Output("push", x + u)]
+    return wo.Model("c", states, ca.vertcat(x, v, u), u=[wo.Signal("u", u)], outputs=outputs)
+
+
+@pytest.mark.parametrize(
+    ("output", "input_", "message"),
+    [
+        ("y", "u", "has no output 'y'"),
+        ("x", "w", "has no input 'w' of 1 scalars"),
+        ("both", "u", "has no input 'u' of 2 scalars"),
+        ("push", "u", "push of c has a relative degree below two"),
+        ("v", "u", "v of c has a relative degree below two"),
+        ("f", "u", "u does not act on its acceleration"),
+    ],
+)
+def test_what_cannot_follow_is_refused(output: str, input_: str, message: str):
+    with pytest.raises(ArgumentError, match=message):
+        as_tracked(carriage(), output, input_)
+
+
+def test_a_tracked_plant_has_the_names_of_a_chain():
+    plant = as_tracked(wheel(), "tip", "torque")
+    assert [signal.name for signal in plant.u] == ["input"]
+    assert [signal.name for signal in plant.p] == ["volt"]  # another input keeps its value
+    assert ca.is_equal(plant["length"], plant["tip"])
+    assert ca.is_equal(ca.simplify(plant["rate"] - 3 * plant["spin"]), ca.SX(0))
+    again = wheel()
+    clash = replace(again, outputs=[wo.Output("rate", 2 * again["spin"])])
+    with pytest.raises(ArgumentError, match="another signal 'rate'"):
+        as_tracked(clash, "phi", "torque")

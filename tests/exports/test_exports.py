@@ -247,7 +247,7 @@ def test_columns_that_are_not_there_are_refused(
 @pytest.mark.parametrize(
     ("formats", "options", "what"),
     [
-        (["mat", "c"], {"step": 0.1}, "step changes nothing in mat, c, only in csv, ros, mjcf"),
+        (["mat", "c"], {"step": 0.1}, "step changes nothing in mat, c, only in csv, parquet, ros"),
         ("mjcf", {"columns": ["length"]}, "columns changes nothing in mjcf, only in csv"),
         ("csv", {"rest": True}, "rest changes nothing in csv, only in ros"),
         ("csv", {"cycles": 2}, "cycles changes nothing in csv, only in ros"),
@@ -347,7 +347,7 @@ def test_several_formats_at_once(saved: Path, tmp_path: Path, capsys: Capture, m
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["result"], "--csv, --mat, --c, --ros, --mjcf, --urdf, --fmu"),
+        (["result"], "--csv, --parquet, --mat, --hdf5, --c, --arduino, --ros, --mjcf"),
         (["nothing", "--csv"], "nothing"),
         (["mine.txt", "--csv"], "no result of wormopt"),
         (["result", "--fmu"], "kind simulate or track"),
@@ -456,7 +456,7 @@ def test_a_result_of_a_strange_name_stays_in_the_folder(fast: Result, tmp_path: 
 
 def test_only_known_formats(fast: Result, tmp_path: Path):
     for formats in ("docx", [], ["csv", "exe"]):
-        with pytest.raises(wo.ArgumentError, match="formats are csv, mat, c, ros, fmu"):
+        with pytest.raises(wo.ArgumentError, match="formats are csv, parquet, mat, hdf5, c"):
             wo.export(fast, formats, tmp_path)  # type: ignore[arg-type]
     for what, into in ((rough(), "csv"), (rough(), "fmu"), (swing(), "c"), (swing(), "mat")):
         with pytest.raises(wo.ArgumentError, match="takes a Result"):

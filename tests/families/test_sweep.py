@@ -377,7 +377,9 @@ def build(tag=0.0):
 def test_what_the_study_refuses_is_kept_with_its_reason(tmp_path: Path):
     scene = own_model(tmp_path, REFUSING)
     for now in (2, 0):
-        found = wo.sweep(scene, {"parameters.tag": [1.0, 2.0]}, store=tmp_path / "s", engine=SERIAL)
+        found = wo.sweep(
+            scene, {"model.parameters.tag": [1.0, 2.0]}, store=tmp_path / "s", engine=SERIAL
+        )
         assert found.scalars["computed_now"].value == now
         assert found["status"].values.tolist() == [2, 2]
         assert "no 2.0" in found.attributes["reasons"][1]
@@ -400,15 +402,15 @@ def build(bad=0.0, tag=0.0):
 def own_model(folder: Path, code: str) -> Path:
     (folder / "own.py").write_text(code)
     scene = folder / "own.toml"
-    text = 'schema = 1\nkind = "simulate"\nmodel = "own.py:build"\n[time]\nend = 1.0\n'
-    scene.write_text(f"{text}[parameters]\ntag = 0.0\n")
+    text = 'schema = 1\nkind = "simulate"\nmodel.file = "own.py:build"\n[time]\nend = 1.0\n'
+    scene.write_text(f"{text}[model.parameters]\ntag = 0.0\n")
     return scene
 
 
 @pytest.mark.slow
 def test_a_point_that_ends_its_process_costs_no_other(tmp_path: Path):
     scene = own_model(tmp_path, CRASHING)
-    over = {"parameters.bad": [1.0, 0.0, 1.0], "parameters.tag": [0.0, 1.5, 0.1]}
+    over = {"model.parameters.bad": [1.0, 0.0, 1.0], "model.parameters.tag": [0.0, 1.5, 0.1]}
     found = wo.sweep(scene, over, method="zip", store=tmp_path / "s", engine=Engine(workers=2))
     assert found["status"].values.tolist() == [1, 0, 1]
     assert all("died" in found.attributes["reasons"][k] for k in (0, 2))
@@ -416,7 +418,7 @@ def test_a_point_that_ends_its_process_costs_no_other(tmp_path: Path):
 
 
 def test_a_model_of_ones_own_that_changes_is_computed_again(tmp_path: Path):
-    scene, over = own_model(tmp_path, CRASHING), {"parameters.tag": [0.0]}
+    scene, over = own_model(tmp_path, CRASHING), {"model.parameters.tag": [0.0]}
     for now in (1, 0):
         found = wo.sweep(scene, over, store=tmp_path / "s", engine=SERIAL)
         assert found.scalars["computed_now"].value == now

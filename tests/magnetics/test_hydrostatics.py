@@ -567,6 +567,7 @@ def test_the_balance_of_the_docs():
     assert balance(fluid, H, h, slope, bend, level) == pytest.approx(left / fluid.weight, rel=1e-13)
 
 
+@pytest.mark.slow
 def test_a_small_coil_is_computed_at_its_full_current():
     # lengths of 10 µm, at which rounding keeps steps from the end of the branch by 1e-13
     scene = {

@@ -206,3 +206,16 @@ def test_the_picture(tmp_path: Path):
     out = tmp_path / "out"
     assert main(["run", SCENE, "-o", str(out), "--quiet", "--set", "loss_max=0.001"]) == 3
     assert (out / "membrane.png").stat().st_size > 10_000
+
+
+def test_limits_that_mean_none():
+    result = wo.run(load_scene(SCENE, ["membrane.strain_max=1e30", "lifetime=1e-30"]))
+    exact = by_hand(1e-30, {"loss": 0.1, "strain": 1e30})
+    for name, thickness in exact.items():
+        assert value(result, f"thickness_for_{name}") == pytest.approx(thickness, rel=1e-12)
+
+
+def test_every_limit_that_no_thickness_meets_is_named():
+    with pytest.raises(SolveError) as caught:
+        wo.run(load_scene(SCENE, ["fluid.pressure=1e9"]))
+    assert "raise membrane.stress_max and membrane.strain_max" in caught.value.suggestion

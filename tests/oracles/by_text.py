@@ -89,7 +89,7 @@ end = 2.0
 MODEL = """
 schema = 1
 kind = "simulate"
-model = "own.py:build"
+model.file = "own.py:build"
 [time]
 end = 1.0
 """

@@ -99,6 +99,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "errors": ("experiment_chain",),
     "regions": ("experiment_chain",),
     "loads": ("fit_then_design",),
+    "holding": ("friction_gait",),
     "shift": ("gait_shift",),
     "transitions": ("gait_shift",),
 }

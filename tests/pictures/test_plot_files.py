@@ -7,10 +7,12 @@ import os
 import re
 import subprocess
 import sys
+from base64 import b64decode
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -20,10 +22,9 @@ from PIL import Image, ImageSequence
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.files import sealed
-from wormopt.pictures import draw, figure, save
+from wormopt.pictures import draw, figure, save, shortened, worms
 from wormopt.result import Result
 from wormopt.systems.channel import pictures as rod
-from wormopt.systems.spiked import pictures as spiked
 
 
 def test_missing_variables_are_named_and_leave_no_file(tmp_path: Path):
@@ -48,8 +49,8 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
 
 
 def test_the_animation_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    short = dataclasses.replace(spiked.animation, frames=12)  # of 72
-    monkeypatch.setattr(spiked, "animation", short)
+    short = dataclasses.replace(worms.animation, frames=12)  # of 120
+    monkeypatch.setattr(worms, "animation", short)
     path = tmp_path / "animation.gif"
     draw(sample("animation"), "animation", path, width=50)
     assert path.stat().st_size < 2_000_000
@@ -105,10 +106,58 @@ def test_formats_have_the_width_asked_for_and_fonts_that_journals_take():
 
 
 def test_an_animation_is_still_as_a_picture_and_only_it_moves(tmp_path: Path):
-    draw(sample("animation"), "animation", tmp_path / "still.svg", width=85)
+    draw(sample("animation"), "animation", tmp_path / "still.png", width=85)
     with pytest.raises(ValueError, match=r"only an animation moves; write \.png, \.pdf, \.svg"):
         draw(sample("gait"), "gait", tmp_path / "gait.gif")
-    assert [path.name for path in tmp_path.iterdir()] == ["still.svg"]
+    assert [path.name for path in tmp_path.iterdir()] == ["still.png"]
+
+
+def drawn_at(root: ElementTree.Element, frame: str) -> list[dict[str, str]]:
+    """Paths and markers of the parts of a moving picture with this class."""
+    parts = [part for part in root.iter() if frame in part.get("class", "").split()]
+    named = ("path", "use")  # what has an id is defined where it is first used
+    return [one.attrib for part in parts for one in part.iter()
+            if one.tag.rpartition("}")[2] in named and "id" not in one.attrib]  # fmt: skip
+
+
+def test_a_picture_that_moves_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Every frame is as `show` draws it, and is shown for its share of the time."""
+    short = dataclasses.replace(worms.animation, frames=6)  # of 120
+    monkeypatch.setattr(worms, "animation", short)
+    result = sample("animation")
+    draw(result, "animation", tmp_path / "a.svg", width=85)
+    text = (tmp_path / "a.svg").read_text("utf-8")
+    root = ElementTree.fromstring(text)
+    assert "<script" not in text
+    assert "{visibility:visible}16.666667%{visibility:hidden}" in text
+    delays = [f".f{k}{{animation-delay:{k / 12:.5f}s}}" in text for k in range(7)]
+    assert delays == [*[True] * 6, False]
+    one = figure(result, "animation", width=85)
+    for frame in range(6):
+        short.show(one, frame)
+        axes = one.axes[0]
+        for artist in (*axes.lines, *axes.patches, *axes.collections, *axes.texts):
+            if artist.get_gid() is None:
+                artist.set_gid("frame-0-0")
+        memory = io.BytesIO()
+        save(one, memory, "svg")
+        alone = re.sub('id="frame-0-0"', 'class="f0"', shortened(memory.getvalue().decode()))
+        assert drawn_at(root, f"f{frame}") == drawn_at(ElementTree.fromstring(alone), "f0")
+    draw(result, "animation", tmp_path / "b.svg", width=85)
+    assert (tmp_path / "b.svg").read_bytes() == (tmp_path / "a.svg").read_bytes()
+
+
+def test_an_animation_moves_in_a_notebook_and_a_still_picture_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    short = dataclasses.replace(worms.animation, frames=3)
+    monkeypatch.setattr(worms, "animation", short)
+    shown = sample("animation").plot("animation")._repr_html_()  # type: ignore[attr-defined]
+    assert shown is not None
+    found = re.fullmatch(r'<img src="data:image/svg\+xml;base64,([^"]*)" alt="[^"<>]*">', shown)
+    assert found is not None
+    assert b'class="frame f2"' in b64decode(found[1])
+    assert sample("front").plot("front")._repr_html_() is None  # type: ignore[attr-defined]
 
 
 @pytest.mark.slow
@@ -125,7 +174,7 @@ def test_mp4_is_made_by_ffmpeg_or_refused(tmp_path: Path, monkeypatch: pytest.Mo
     draw(sample("animation"), "animation", tmp_path / "a.mp4", width=85)
     size, length = (tmp_path / "a.mp4").read_text().split()
     across, down = map(int, size.split("x"))
-    assert int(length) == 72 * across * down * 4
+    assert int(length) == 120 * across * down * 4
     assert across % 2 == down % 2 == 0  # as the codec wants
 
 
@@ -264,9 +313,9 @@ def test_pictures_that_nobody_named_may_be_missing(saved: Path, capsys: Any):
 def test_an_animation_of_a_rod_is_drawn_frame_by_frame():
     result = sample("rod_motion")
     drawn = figure(result, "animation")
-    before = drawn.axes[0].get_title(loc="left")
+    before = drawn.axes[0].texts[-1].get_text()
     rod.animation.show(drawn, 100)
-    assert drawn.axes[0].get_title(loc="left") != before
+    assert drawn.axes[0].texts[-1].get_text() != before
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,8 @@ def unpainted(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
     """Pictures take seconds: only tests that ask for `painted` have them."""
     if "painted" not in request.fixturenames:
         monkeypatch.setattr("wormopt.reports.report.pictures", lambda *_, **__: iter(()))
+        for module in ("worm", "sweep"):
+            monkeypatch.setattr(f"wormopt.reports.{module}.animation", lambda *_: "")
         monkeypatch.setattr("wormopt.reports.sweep.pictures", lambda *_, **__: iter(()))
 
 

@@ -57,6 +57,7 @@ def things() -> dict[str, Any]:
         "empty result": Result("nothing", "gait"),
         "result": result,
         "scene": wo.load_scene("design_fast_gait"),
+        "study": wo.load("fig27_float"),
         "design": design,
         "certified": proof,
         "certificate": proof.certificate,
@@ -80,6 +81,7 @@ SHOWN = {
     "empty result": "Result of nothing (gait): ok; 0 variables",
     "result": "speed 1.2, period 1",
     "scene": "Scene design_fast_gait (gait-design): Fast gait of a three-mass worm",
+    "study": "Float fig27_float: A travelling wave",
     "design": "Design: 2 masses, speed 0.425, period 1 (proven)",
     "certified": "Certified design: 2 masses, speed 0.425",
     "certificate": "Certificate: no gait is faster than 0.425",
@@ -139,6 +141,13 @@ def test_a_design_is_drawn(things: dict[str, Any], picture: str):
     assert any("time" in label for label in labels)
     with pytest.raises(wo.ArgumentError, match="picture"):
         things["design"].plot("limits")
+
+
+def test_a_design_moves(things: dict[str, Any]):
+    drawn = things["design"].plot("animation")
+    circles = [line for line in drawn.axes[0].lines if line.get_marker() == "o"]
+    assert len(circles) == 2
+    assert drawn.moves.frames > 2
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from places import SAVED
 
 import wormopt as wo
 from tests.oracles.by_sweep import make_sweep
@@ -235,6 +236,32 @@ def test_the_ground_moves_under_a_worm_that_goes_far(opened: Open, tmp_path: Pat
         for circle in page.locator("#r0-motion .mass circle").all():
             box = circle.bounding_box()
             assert stage["x"] < box["x"] < stage["x"] + stage["width"] - box["width"]
+
+
+SEEN = """() => [...document.querySelectorAll("#r0-motion .frame")]
+  .filter((part) => getComputedStyle(part).visibility === "visible")
+  .map((part) => part.getAttribute("class").split(" ")[1])"""
+
+
+def test_a_worm_among_obstacles_moves_in_frames(
+    opened: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("wormopt.reports.report.pictures", lambda *_, **__: iter(()))
+    wo.report(SAVED / "planar_path.nc", tmp_path / "path.html")
+    page = opened(tmp_path / "path.html")
+    last = int(page.locator("#r0-motion .slider").get_attribute("max"))
+    assert last == 79  # of 160 frames every second
+    for frame in (0, 45, last):
+        set_slider(page, frame)
+        own = page.locator(f"#r0-motion .f{frame}").count()
+        assert page.evaluate(SEEN) == [f"f{frame}"] * own
+        assert own > 3
+    page.locator("#r0-motion .play").click()
+    page.wait_for_function("() => +document.querySelector('#r0-motion .slider').value > 3")
+    page.locator("#r0-motion .play").click()
+    still = opened(tmp_path / "path.html", java_script_enabled=False)
+    assert set(still.evaluate(SEEN)) == {"f0"}
+    assert not still.locator("#r0-motion .play").is_visible()
 
 
 def test_a_page_without_scripts_can_be_read(opened: Open, pages: dict[str, Path], design: Result):

@@ -10,14 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hints import Patch
 from hypothesis import given
 from hypothesis import strategies as st
+from places import SAVED
 from report_pages import Whole, page_of
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.quantities import Variable
 from wormopt.reports.parts import marked, number, unit_text
+from wormopt.reports.pictures import animation
 from wormopt.reports.report import LARGEST
 from wormopt.reports.source import Source, keys_set
 from wormopt.reports.sweep import grid_of, ink_on, shade
@@ -25,6 +28,7 @@ from wormopt.reports.worm import moving
 from wormopt.result import Result
 from wormopt.study import packaged_scenes
 from wormopt.study.toml import toml_text
+from wormopt.systems.coils import pictures as coils
 
 pytestmark = pytest.mark.usefixtures("unpainted")
 
@@ -303,6 +307,22 @@ def grid_result(shape: tuple[int, ...]) -> Result:
     return Result("grid", "sweep", variables=tuple(axes), attributes={"axes": over})
 
 
+def test_films_and_planar_worms_move_in_frames(monkeypatch: Patch, tmp_path: Path):
+    short = dataclasses.replace(coils.animation, frames=4)
+    monkeypatch.setattr(coils, "animation", short)
+    result = Result.load(SAVED / "coil_cargo.nc")
+    assert moving(result) is None
+    figure = animation(result, "r0-motion", 1e6)
+    read = Whole(figure)
+    assert "r0-motion" in read.ids
+    assert {f"f{k}" for k in range(4)} == set(re.findall(r'class="frame (f\d+)"', figure))
+    assert 'max="3"' in figure
+    assert "left out for want of room" in animation(result, "r0-motion", 1e3)
+    assert animation(Result("far", "track"), "r0-motion", 1e6) == ""
+    without = dataclasses.replace(result, variables=())
+    assert animation(without, "r0-motion", 1e6) == ""
+
+
 def test_a_large_sweep_stays_within_a_mail(tmp_path: Path):
     page = page_of(grid_result((60, 60)), tmp_path)
     assert len(page.encode()) <= LARGEST
@@ -315,6 +335,10 @@ def test_points_are_read_from_the_folder_of_the_sweep_only(sweep: Path, tmp_path
     names = [f"../{sweep.name}/points/{name}" if name else None for name in files]
     inside = [file for file in grid_of(Source(result, folder=sweep)).files if file]
     assert len(inside) == 7
+    before = {**result.attributes, "points": files}  # as earlier builds named it
+    del before["files"]
+    earlier = dataclasses.replace(result, attributes=before)
+    assert [f for f in grid_of(Source(earlier, folder=sweep)).files if f] == inside
     away = dataclasses.replace(result, attributes={**result.attributes, "files": names})
     folder = tmp_path / "elsewhere"
     folder.mkdir()

@@ -90,6 +90,7 @@ SCENES = {
     "fit_channel_worm": [],
     "experiment_chain": [],
     "fit_then_design": ['units="SI"'],
+    "friction_gait": ['search.effort="quick"'],
     "fig21_rod_motion": [],
     "fig22_frequency_response": [
         "frequencies=[5,50,500]", "search.rounds=1", "search.refine=2",

@@ -375,7 +375,10 @@ def test_random_chains_agree_with_differences_of_another_integrator(links: int, 
     assume(motion.nonsmooth_events == ())
     runs = [other(step) for step in (1e-4, -1e-4, 2e-4, -2e-4)]
     assume(len({count for _, count in runs}) == 1)
-    by = (8 * (runs[0][0] - runs[1][0]) - (runs[2][0] - runs[3][0])) / 12e-4
+    near, far = (runs[0][0] - runs[1][0]) / 2e-4, (runs[2][0] - runs[3][0]) / 4e-4
+    by = (4 * near - far) / 3
+    # a rest of 1e-4 ends in a turn beside it: as many events, and no derivative by differences
+    assume(np.abs(near - far).max() < 1e-3 * np.abs(by).max())
     assert np.abs(motion.end_derivative[:, 0] - by).max() < 1e-6 * np.abs(by).max()
 
 

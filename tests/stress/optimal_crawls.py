@@ -20,8 +20,8 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.systems.chain.build import chain
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
-from wormopt.systems.chain.tables import Aim, CrawlLimits
 from wormopt.systems.swinging.capsule import CapsuleTable
 from wormopt.systems.swinging.two_mass import Pair
 
@@ -89,7 +89,7 @@ class _Worm:
             rest_length=3 * self.way, law=Coulomb(self.forward, self.backward),
             length_nominal=self.way, time_nominal=self.period,
         )  # fmt: skip
-        limits = CrawlLimits(period=self.period, force=self.force)
+        limits = CrawlLimits(period=self.period, actuator_force=self.force)
         mesh = Mesh.even(1, arcs, Collocation(2, "radau"))
         guess = sine_guess(plant, self.period, self.force)
         relaxed = Complementarity(residual=1e-5, first=1.0)

@@ -147,26 +147,25 @@ track ensemble.members=5 | ensemble | would have equal members
 track want=["bands"] | want | needs an ensemble
 random want=["motion"] | want | write "bands"
 track want=["spikes"] | want[0] | "trackers"
-simulate model="a.py:build" | model | both
-simulate parameters.a=1 | parameters | to a model only
+simulate model.file="a.py:build" | model | both
 simulate actuation={law="constant", force=[1]} | actuation.force | 1 entry for 2 links
 simulate actuation={law="harmonic", amplitude=[1, 2, 3], period=1} | actuation.amplitude | 3 entries
 simulate actuation={law="gait", gait={shape="file", file="no.csv"}} | actuation.gait.file | cannot
 simulate want=["trackers"] | want[0] | "motion"
-model model="own.py" | model | "file.py:function"
-model model="own.txt:build" | model | "file.py:function"
-model model="own.py:a b" | model | "file.py:function"
-model model="none.py:build" | model | cannot be read
-model model="folder.py:build" | model | cannot be read
-model model="broken.py:build" | model | broken.py line 2
-model model="null.py:build" | model | null.py
+model model.file="own.py" | model.file | "file.py:function"
+model model.file="own.txt:build" | model.file | "file.py:function"
+model model.file="own.py:a b" | model.file | "file.py:function"
+model model.file="none.py:build" | model.file | cannot be read
+model model.file="folder.py:build" | model.file | cannot be read
+model model.file="broken.py:build" | model.file | broken.py line 2
+model model.file="null.py:build" | model.file | null.py
 model start.velocity=1 | start | applies to [worm]
 model actuation={law="constant", force=1} | actuation | applies to [worm]
 model want=["motion"] | want | "signals"
-model parameters.rate=nan | parameters.rate | finite
-model parameters.rate=[1, inf] | parameters.rate | finite
-model parameters.rate=1979-05-27 | parameters.rate | finite
-model parameters=3 | parameters | a table
+model model.parameters.rate=nan | model.parameters.rate | finite
+model model.parameters.rate=[1, inf] | model.parameters.rate | finite
+model model.parameters.rate=1979-05-27 | model.parameters.rate | finite
+model model.parameters=3 | model.parameters | a table
 """
 
 # What no line of text holds.
@@ -194,12 +193,12 @@ HOSTILE_MODELS = [
     ("import no_such_module_at_all", "line 1: ModuleNotFoundError"),
     ("import sys\nsys.exit(3)", "line 2: SystemExit: 3"),
     ("", "no function build; define it"),
-    ("def biuld(): pass", 'write model = "own.py:biuld"'),
+    ("def biuld(): pass", 'write "own.py:biuld"'),
     ("build = 3", "no function build"),
     ("def build():\n    return None", "returns nothing, not a Model"),
     ("def build():\n    return {}", "returns dict, not a Model"),
     ("def build():\n    pass\n    raise ValueError('no legs')", "line 3: ValueError: no legs"),
-    ("def build(a):\n    return None", "parameters.a: missing"),
+    ("def build(a):\n    return None", "model.parameters.a: missing"),
     (OWN.replace("value=1.0", "value=(1.0, 2.0)"), "value of x has 1 entry, not 2"),
     (OWN.replace('"x", x', '"time", x'), "'time' is already used"),
     (OWN.replace('"x", x', '"x 1", x'), "is not a valid name"),
@@ -303,7 +302,9 @@ def test_a_wrong_model_is_refused_with_file_and_line(
     assert main(["run", str(path), "-o", str(tmp_path / "out")]) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.startswith(f"{path}: {'parameters.a' if 'def build(a)' in own else 'model'}: ")
+    assert err.startswith(
+        f"{path}: {'model.parameters.a' if 'def build(a)' in own else 'model.file'}: "
+    )
     assert message in err
     assert len(err.splitlines()) == 1
     assert not (tmp_path / "out").exists()
@@ -317,18 +318,30 @@ BOUNDED = (
 @pytest.mark.parametrize(
     ("own", "given", "key", "message"),
     [
-        (OWN, ["raet=2"], "parameters.raet", "did you mean rate"),
-        ("1 / rate", ["rate=0"], "parameters.rate", "own.py line 2: ZeroDivisionError"),
-        ("1 / rate", ["rate=0", "size=2"], "parameters", "write other values, or correct the file"),
-        ("assert size > 0, 'size: above 0'", ["rate=1", "size=0"], "parameters.size", "size: abo"),
-        (BOUNDED, ["rate=-2"], "parameters.rate", "rate must be 0 or above, not -2"),
+        (OWN, ["raet=2"], "model.parameters.raet", "did you mean rate"),
+        ("1 / rate", ["rate=0"], "model.parameters.rate", "own.py line 2: ZeroDivisionError"),
+        (
+            "1 / rate",
+            ["rate=0", "size=2"],
+            "model.parameters",
+            "write other values, or correct the file",
+        ),
+        (
+            "assert size > 0, 'size: above 0'",
+            ["rate=1", "size=0"],
+            "model.parameters.size",
+            "size: abo",
+        ),
+        (BOUNDED, ["rate=-2"], "model.parameters.rate", "rate must be 0 or above, not -2"),
     ],
 )
 def test_wrong_parameters_of_a_model_are_named(
     tmp_path: Path, own: str, given: list[str], key: str, message: str
 ):
     whole = own if "def build" in own else f"def build(rate=1, size=1):\n    {own}\n"
-    scene = load_scene(write(tmp_path, MODEL, whole), [f"parameters.{each}" for each in given])
+    scene = load_scene(
+        write(tmp_path, MODEL, whole), [f"model.parameters.{each}" for each in given]
+    )
     with pytest.raises(SceneError) as caught:
         wo.run(scene)
     ((found, said),) = caught.value.faults
@@ -475,7 +488,7 @@ KEYS = {
         tracker.feedback tracker.growth tracker.adaptation tracker.feedforward
         tracker.tube_radius contact contact.treatment contact.v_reg time time.end
         time.samples tolerance tolerance.relative ensemble want ensemble.members actuation
-        actuation.law model parameters parameters.rate
+        actuation.law model model.file model.parameters model.parameters.rate
     """,
 }
 

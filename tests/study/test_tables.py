@@ -39,6 +39,40 @@ def parsed(text: str, **how: Any) -> TextTable:
     return found
 
 
+# -- negative numbers of servos --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("written", "meant", "bits"),
+    [
+        # what a bus servo reports of its position, velocity and current
+        (["4092", "4089", "4075"], [4092, 4089, 4075], 0),
+        (["0", "4294967292", "", "4294967271", "20"], [0, -4, math.nan, -25, 20], 32),
+        (["3", "65535", "65531", "7"], [3, -1, -5, 7], 16),
+        (["1", "18446744073709551615", "18446744073709551614"], [1, -1, -2], 64),
+        (["12", "4294967295.0"], [12, -1], 32),
+        # not wrapped: readings in between, no small ones, fractions, negative numbers beside
+        (["12", "30000", "65535"], [12, 30000, 65535], 0),
+        (["4294967290", "4294967295"], [4294967290, 4294967295], 0),
+        (["0.5", "4294967295"], [0.5, 4294967295], 0),
+        (["-3", "4294967295"], [-3, 4294967295], 0),
+        (["100", "50000"], [100, 50000], 0),
+    ],
+)
+def test_negative_numbers_written_as_unsigned_ones(
+    written: list[str], meant: list[float], bits: int
+):
+    rows = "\n".join(f"{k},{cell}" for k, cell in enumerate(written))
+    table = parsed(f"time,x\n{rows}\n", time="time")
+    np.testing.assert_array_equal(table.values["x"], meant)
+    assert table.wrapped == ({"x": bits} if bits else {})
+
+
+def test_a_clock_is_never_taken_for_negative_numbers():
+    table = parsed("time,x\n1,0\n4294967295,1\n", time="time")
+    assert table.values["time"] == (1.0, 4294967295.0)
+
+
 # -- dialects --------------------------------------------------------------------------------------
 
 DIALECTS = {

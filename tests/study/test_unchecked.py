@@ -125,7 +125,7 @@ SMALL_COMPARISON = {
 def test_a_comparison_that_no_second_route_confirms_says_it_is_not_checked(recheck: bool):
     """Trackers, and LQR through delayed measurements, take too long in Python."""
     changes = {
-        **SMALL_COMPARISON, "tolerance.recheck": recheck, "measurement.delay": 0.02,
+        **SMALL_COMPARISON, "tolerance.recheck": recheck, "hardware.delay": 0.02,
     }  # fmt: skip
     result = wo.run("compare_over", changes)
     assert result.status == "unchecked"

@@ -285,8 +285,11 @@ def _report(options: argparse.Namespace) -> int:
 
 _FORMATS = {
     "csv": "write CSV tables, the signals over time first",
+    "parquet": "write the same tables as Parquet (extra: parquet)",
     "mat": "write a MATLAB file with the whole result",
+    "hdf5": "write an HDF5 file with the whole result (extra: hdf5)",
     "c": "write C99 source that evaluates the gait exactly, with a test program",
+    "arduino": "write an Arduino sketch that plays the gait on servos, in single precision",
     "ros": "write the gait as a ROS message trajectory_msgs/JointTrajectory, in YAML",
     "mjcf": "write the worm for MuJoCo, with keyframes of its gait",
     "urdf": "write the worm as URDF, with a CSV table of its joints",
@@ -298,7 +301,7 @@ def add_export(commands: Any) -> None:
     """Add the command to a parser's."""
     command = commands.add_parser(
         "export",
-        help="export a saved result to CSV, MATLAB, C, ROS, MuJoCo, URDF or FMI",
+        help="export a saved result to tables, MATLAB, C, Arduino, ROS, MuJoCo, FMI and others",
         description="Export a saved result in one or more formats. If one file cannot be "
         "written, none is.",
         allow_abbrev=False,
@@ -319,9 +322,9 @@ def add_export(commands: Any) -> None:
     command.add_argument(
         "--step",
         metavar="TIME",
-        help="time between rows of --csv (default: the result's samples), points of --ros and rows "
-        "of --urdf (default: 0.01), or largest time step of --mjcf (default: 0.001), such as 0.01 "
-        "or '10 ms'",
+        help="time between rows of --csv and --parquet (default: the result's samples), points of "
+        "--ros and rows of --urdf (default: 0.01), or largest time step of --mjcf (default: "
+        "0.001), such as 0.01 or '10 ms'",
     )
     command.add_argument(
         "--cycles",
@@ -334,12 +337,13 @@ def add_export(commands: Any) -> None:
         "--columns",
         metavar="NAMES",
         default="",
-        help="signals in --csv besides time, such as 'length,rate_0' (default: all)",
+        help="signals in --csv and --parquet besides time, such as 'length,rate_0' (default: all)",
     )
     command.add_argument(
         "--whole-steps",
         action="store_true",
-        help="slow the gait of --csv, --c and --ros down to a cycle of a whole number of steps",
+        help="slow the gait of --csv, --parquet, --c, --arduino and --ros down to a cycle of "
+        "whole steps",
     )
     command.add_argument(
         "--rest",

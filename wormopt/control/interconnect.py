@@ -72,7 +72,7 @@ def controller_of(
     check_kind("plant", plant, Model)
     check_kind("input", input, str)
     loop.refuse_delays("a controller by itself")
-    own = _own_states(loop, plant)
+    own = own_states(loop, plant)
     if loop.switches:
         names = [s.name for s in loop.switches]
         raise ArgumentError(f"{loop.name} has switches {names}, at which states may jump")
@@ -176,7 +176,8 @@ def interconnect(
     )
 
 
-def _own_states(loop: Model, plant: Model) -> Sequence[Signal]:
+def own_states(loop: Model, plant: Model) -> Sequence[Signal]:
+    """States of a loop's controller; ArgumentError if the loop is not around this very plant."""
     shared = list(loop.x[: len(plant.x)])
     alike = len(shared) == len(plant.x) and all(
         ca.is_equal(a.symbol, b.symbol) for a, b in zip(shared, plant.x, strict=True)

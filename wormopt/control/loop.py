@@ -234,13 +234,7 @@ class TrackingError:
         parts = [reference.value, reference.rate]
         if ca.Function("reference", [own], parts, {"allow_free": True}).has_free():
             raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
-        followed = {signal.name: signal.unit for signal in (*plant.x, *plant.outputs)}
-        if output not in followed:
-            raise ArgumentError(
-                f"{plant.name} has no output {output!r} to follow the reference; "
-                f"name one by output=: {', '.join(map(repr, followed))}"
-            )
-        y = plant[output]
+        y = _tracked(plant, output)
         if y.shape != reference.value.shape:
             raise ArgumentError(
                 f"the reference has {reference.value.numel()} entries, {output} of {plant.name} "
@@ -250,7 +244,8 @@ class TrackingError:
         acting = ca.vertcat(pack(plant.u), plant.forces)
         if ca.depends_on(ca.vertcat(y, rate), acting):
             raise ArgumentError(f"forces act on the rates of {plant.name} at once, not by inertia")
-        return cls(y - reference.value, rate - reference.rate, followed[output])
+        unit = next(part.unit for part in (*plant.x, *plant.outputs) if part.name == output)
+        return cls(y - reference.value, rate - reference.rate, unit)
 
     @property
     def rate_unit(self) -> str:
@@ -287,6 +282,17 @@ class TrackingError:
         outputs = [self.value, self.rate]
         value, rate = ca.Function("start", [*symbols, scheduled], outputs)(*numbers, values)
         return np.array(value).ravel(), np.array(rate).ravel()
+
+
+def _tracked(plant: Model, output: str) -> ca.SX:
+    """Output or state that follows a reference; ArgumentError if there is none of that name."""
+    names = [part.name for part in (*plant.x, *plant.outputs)]
+    if output not in names:
+        raise ArgumentError(
+            f"{plant.name} has no output {output!r} to follow the reference; name one by "
+            f"output=: {', '.join(map(repr, names))}"
+        )
+    return plant[output]
 
 
 def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:
@@ -494,4 +500,47 @@ def with_reference(plant: Model, reference: Reference, output: str = "length") -
         plant,
         outputs=[*(o for o in plant.outputs if o.name not in names), *compared],
         schedules=[*plant.schedules, *reference.schedules],
+    )
+
+
+def as_tracked(plant: Model, output: str = "length", input: str = "input") -> Model:  # noqa: A002
+    """Call a plant's output ``length``, its rate ``rate`` and its input ``input``, as of a chain.
+
+    Other inputs become parameters with their values. Raises ArgumentError, with ``output=`` or
+    ``input=`` in the message, if there is no such signal, if sizes differ, if the input does not
+    accelerate the output forward, or if another signal has one of these names.
+    """
+    y = _tracked(plant, output)
+    signal = input_of(plant, y.numel(), input)
+    rate = lie(plant, y)
+    acting = ca.vertcat(signal.symbol, plant.forces)
+    if ca.depends_on(ca.vertcat(y, rate), acting):
+        raise ArgumentError(
+            f"{output} of {plant.name} has a relative degree below two: its rate depends on "
+            f"{input} or forces at once, not by inertia; write output= one that {input} "
+            "accelerates, a position say"
+        )
+    if not ca.depends_on(lie(plant, rate), signal.symbol):
+        raise ArgumentError(
+            f"{output} of {plant.name} has no relative degree of two: {input} does not act on its "
+            f"acceleration; write output= one that {input} accelerates, or another input="
+        )
+    check_sign(plant, output, input)
+    units = {part.name: part.unit for part in (*plant.x, *plant.outputs)}
+    inputs = [replace(signal, name="input")]
+    own = {"length": (y, units[output]), "rate": (rate, _RATES.get(units[output], "1"))}
+    if output == "length":
+        del own["length"]
+    for name in own:
+        if name in units and not ca.is_equal(plant[name], own[name][0], 9):
+            raise ArgumentError(
+                f"{plant.name} has another signal {name!r}, the name of the {name} of the tracked "
+                f"output; rename it, or write output={name!r}"
+            )
+    added = [Output(name, *given) for name, given in own.items() if name not in units]
+    return replace(
+        plant,
+        u=inputs,
+        p=[*plant.p, *(each for each in plant.u if each is not signal)],
+        outputs=[*plant.outputs, *added],
     )

@@ -1,13 +1,52 @@
-"""C99: a gait as tables of exact coefficients and one function; and a program that tests both."""
+"""C source of a gait: exact tables in double precision, or in single for microcontrollers."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.exports.common import ExportedGait, identifier
+
+
+@dataclass(frozen=True)
+class Precision:
+    """Type of the numbers, ending of its constants and functions, and how tables are kept."""
+
+    type: str
+    ending: str = ""
+    place: str = ""  # of tables in memory
+    read: str = "{}"
+
+    def table(self, name: str, shape: str, values: np.ndarray) -> str:
+        """Table of constants, as hexadecimal numbers, which are exact."""
+        rows = _rows(values, self)
+        return f"static const {self.type} {name}{shape}{self.place} = {{\n{rows}\n}};\n"
+
+    def number(self, value: float) -> str:
+        """Constant, rounded to this precision."""
+        if self is DOUBLE:
+            return value.hex()
+        return re.sub(r"\.?0*p", "p", float(np.float32(value)).hex()) + self.ending
+
+
+DOUBLE = Precision("double")
+SINGLE = Precision("float", "f", " PROGMEM", "READ({})")
+# AVR reads constants from the memory of the program by functions of its own.
+_IN_PROGRAM = """
+#ifdef __AVR__
+#include <avr/pgmspace.h>
+#define READ(number) pgm_read_float(&(number))
+#else
+#ifndef PROGMEM
+#define PROGMEM
+#endif
+#define READ(number) (number)
+#endif
+"""
 
 
 def make(exported: ExportedGait, stem: str) -> dict[str, bytes]:
@@ -17,23 +56,29 @@ def make(exported: ExportedGait, stem: str) -> dict[str, bytes]:
     """
     if not stem.isprintable() or '"' in stem or "\\" in stem:
         raise ArgumentError(f"{stem!r}: C includes no file of that name; write letters and digits")
+    replay = _replay(exported, identifier(stem), f"{stem}.h")
+    return library(exported, stem, DOUBLE) | {f"{stem}_replay.c": replay.encode()}
+
+
+def library(exported: ExportedGait, stem: str, precision: Precision) -> dict[str, bytes]:
+    """``STEM.h`` and ``STEM.c``: the function that gives the lengths."""
     name = identifier(stem)
     texts = {
-        f"{stem}.h": _header(exported, name),
-        f"{stem}.c": _source(exported, name, f"{stem}.h"),
-        f"{stem}_replay.c": _replay(exported, name, f"{stem}.h"),
+        f"{stem}.h": _header(exported, name, precision.type),
+        f"{stem}.c": _source(exported, name, f"{stem}.h", precision),
     }
     return {file: text.encode() for file, text in texts.items()}
 
 
-def _comment(lines: Iterable[str]) -> str:
+def comment(lines: Iterable[str]) -> str:
+    """Comment of these lines, whatever they contain."""
     kept = (line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?") for line in lines)
     return "/* " + "\n * ".join(kept) + "\n */\n"
 
 
-def _header(exported: ExportedGait, name: str) -> str:
+def _header(exported: ExportedGait, name: str, number: str) -> str:
     time, length, rate, acceleration = exported.units
-    comment = _comment(
+    head = comment(
         [
             "Link lengths of a worm, repeated periodically.",
             *exported.remarks,
@@ -41,7 +86,7 @@ def _header(exported: ExportedGait, name: str) -> str:
             "1 means none.",
         ]
     )
-    return f"""{comment}
+    return f"""{head}
 #ifndef {name.upper()}_H
 #define {name.upper()}_H
 
@@ -53,13 +98,13 @@ enum {{ {name}_links = {exported.gait.links} }};
 
 /* Duration of a cycle, after which the lengths repeat; the period of a designed gait may hold
  * several cycles. */
-extern const double {name}_cycle;
+extern const {number} {name}_cycle;
 
 /* Lengths of links 0, 1, ... at the time t, which may be any, before 0 too; their rates and
  * accelerations. Each array has room for {name}_links numbers, or is a null pointer. Where two
  * pieces of the gait meet, the later counts.
  */
-void {name}_length(double t, double length[], double rate[], double acceleration[]);
+void {name}_length({number} t, {number} length[], {number} rate[], {number} acceleration[]);
 
 #ifdef __cplusplus
 }}
@@ -69,67 +114,70 @@ void {name}_length(double t, double length[], double rate[], double acceleration
 """
 
 
-def _source(exported: ExportedGait, name: str, header: str) -> str:
-    gait = exported.gait
+def _source(exported: ExportedGait, name: str, header: str, precision: Precision) -> str:
+    gait, table = exported.gait, precision.table
     pieces, links, powers = gait.polynomial.shape
+    cycle = f"{precision.number(gait.period)}; /* {gait.period!r} */"
     parts = [
-        _comment(["See the header.", *exported.remarks]),
+        comment(["See the header.", *exported.remarks]),
         f"""
 #include "{header}"
 
 #include <math.h>
 #include <stddef.h>
-
+{_IN_PROGRAM if precision is SINGLE else ""}
 enum {{ PIECES = {pieces}, LINKS = {links}, POWERS = {powers} }};
 
-const double {name}_cycle = {gait.period.hex()}; /* {gait.period!r} */
+const {precision.type} {name}_cycle = {cycle}
 
 /* When pieces begin. */
 """,
-        _table("begin", "[PIECES]", gait.breaks[:-1]),
+        table("begin", "[PIECES]", gait.breaks[:-1]),
         "\n/* Of each piece and link, by ascending power of the time since the piece began. */\n",
-        _table("coefficient", "[PIECES][LINKS][POWERS]", gait.polynomial),
+        table("coefficient", "[PIECES][LINKS][POWERS]", gait.polynomial),
     ]
     if gait.omega is not None and gait.cosine is not None and gait.sine is not None:
         parts += [
             "\n/* Of each piece; amplitudes of each link. */\n",
-            _table("omega", "[PIECES]", gait.omega),
-            _table("cosine", "[PIECES][LINKS]", gait.cosine),
-            _table("sine", "[PIECES][LINKS]", gait.sine),
+            table("omega", "[PIECES]", gait.omega),
+            table("cosine", "[PIECES][LINKS]", gait.cosine),
+            table("sine", "[PIECES][LINKS]", gait.sine),
         ]
-    parts.append(_function(name, gait.omega is not None))
+    parts.append(_function(name, gait.omega is not None, precision))
     return "".join(parts)
 
 
-def _function(name: str, harmonic: bool) -> str:
-    turn = """
-    const double c = cos(omega[piece] * s), n = sin(omega[piece] * s), w = omega[piece];
+def _function(name: str, harmonic: bool, precision: Precision) -> str:
+    number, f, read = precision.type, precision.ending, precision.read.format
+    turn = f"""
+    const {number} w = {read("omega[piece]")}, c = cos{f}(w * s), n = sin{f}(w * s);
 """
-    swing = """
-        const double along = cosine[piece][j] * c + sine[piece][j] * n;
+    swing = f"""
+        const {number} even = {read("cosine[piece][j]")}, odd = {read("sine[piece][j]")};
+        const {number} along = even * c + odd * n;
         l += along;
-        r += w * (sine[piece][j] * c - cosine[piece][j] * n);
+        r += w * (odd * c - even * n);
         a -= w * w * along;
 """
     return f"""
-void {name}_length(double t, double length[], double rate[], double acceleration[])
+void {name}_length({number} t, {number} length[], {number} rate[], {number} acceleration[])
 {{
     int piece = PIECES - 1, j, k;
-    double s = fmod(t, {name}_cycle);
-    if (s < 0.0)
+    {number} s = fmod{f}(t, {name}_cycle);
+    if (s < 0.0{f})
         s += {name}_cycle;
     if (s >= {name}_cycle) /* a sum may be rounded up to it */
-        s = 0.0;
-    while (piece > 0 && s < begin[piece])
+        s = 0.0{f};
+    while (piece > 0 && s < {read("begin[piece]")})
         --piece;
-    s -= begin[piece];
+    s -= {read("begin[piece]")};
 {turn if harmonic else ""}
     for (j = 0; j < LINKS; ++j) {{
-        double l = 0.0, r = 0.0, a = 0.0;
+        {number} l = 0.0{f}, r = 0.0{f}, a = 0.0{f};
         for (k = POWERS - 1; k >= 0; --k) {{
-            a = a * s + 2.0 * r;
+            a = a * s + 2.0{f} * r;
             r = r * s + l;
-            l = l * s + coefficient[piece][j][k];
+            l = l * s + {read("coefficient[piece][j][k]")};
         }}
 {swing if harmonic else ""}        if (length != NULL)
             length[j] = l;
@@ -150,7 +198,7 @@ def _replay(exported: ExportedGait, name: str, header: str) -> str:
     rows = np.concatenate([gait(at), gait(at, 1), gait(at, 2)]).T
     # effect of the rounding of the time
     size = [float(np.abs(part).max()) or 1.0 for part in np.split(rows, 3, axis=1)]
-    comment = _comment(
+    head = comment(
         [
             "Compares the tables with samples of the same gait. Compile it with the source beside "
             "it and -lm;",
@@ -158,7 +206,7 @@ def _replay(exported: ExportedGait, name: str, header: str) -> str:
             *exported.remarks,
         ]
     )
-    return f"""{comment}
+    return f"""{head}
 #include "{header}"
 
 #include <math.h>
@@ -166,10 +214,10 @@ def _replay(exported: ExportedGait, name: str, header: str) -> str:
 
 enum {{ SAMPLES = {len(at)}, LINKS = {gait.links} }};
 
-{_table("at", "[SAMPLES]", at)}
+{DOUBLE.table("at", "[SAMPLES]", at)}
 /* Lengths, then rates, then accelerations. */
-{_table("expected", "[SAMPLES][3][LINKS]", rows.reshape(len(at), 3, gait.links))}
-{_table("size", "[3]", np.array(size))}
+{DOUBLE.table("expected", "[SAMPLES][3][LINKS]", rows.reshape(len(at), 3, gait.links))}
+{DOUBLE.table("size", "[3]", np.array(size))}
 int main(void)
 {{
     double found[3][LINKS], worst = 0.0;
@@ -189,18 +237,13 @@ int main(void)
 """
 
 
-def _table(name: str, shape: str, values: np.ndarray) -> str:
-    return f"static const double {name}{shape} = {{\n{_rows(values)}\n}};\n"
-
-
-def _rows(values: np.ndarray, depth: int = 1) -> str:
-    """Initialiser of an array, as hexadecimal numbers, which are exact."""
+def _rows(values: np.ndarray, precision: Precision, depth: int = 1) -> str:
     inset = "    " * depth
     if values.ndim == 1:
-        words = [v.hex() for v in values.tolist()]
+        words = [precision.number(v) for v in values.tolist()]
         lines = (", ".join(words[k : k + 4]) for k in range(0, len(words), 4))
         return inset + f",\n{inset}".join(lines)
-    parts = [_rows(part, depth + 1) for part in values]
+    parts = [_rows(part, precision, depth + 1) for part in values]
     if all("\n" not in text for text in parts):
         return ",\n".join(f"{inset}{{{text.strip()}}}" for text in parts)
     return ",\n".join(f"{inset}{{\n{text}\n{inset}}}" for text in parts)

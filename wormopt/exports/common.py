@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,17 @@ from wormopt.version import VERSION
 # Negligible share of a step; fewest steps of a cycle; most instants of a table.
 _NO_STEP, _FEWEST_STEPS, _MOST = Fraction(1, 10**6), 3, 1_000_000
 _MADE_BY = f"{MARK}, version {VERSION}"
+
+
+def optional(package: str, extra: str) -> ModuleType:
+    """Import a package of an extra; ArgumentError that names both if it is missing."""
+    try:
+        return import_module(package)
+    except ImportError as error:
+        raise ArgumentError(
+            f"{extra} needs {package}, which cannot be imported ({error}); install it with: "
+            f"pip install 'wormopt[{extra}]'"
+        ) from error
 
 
 def remarks(result: Result) -> list[str]:
@@ -70,8 +83,8 @@ class ExportedGait:
         if "gait_polynomial" not in result or result["gait_polynomial"].dims[1] != "link":
             held = "gait, gait-design, gait-pareto, stepper, track, track-optimal or pair-waveform"
             raise ArgumentError(
-                f"{result.scene}: a result of kind {result.kind} holds no gait, which C and ROS "
-                f"need; take one of kind {held}, or export to csv or mat"
+                f"{result.scene}: a result of kind {result.kind} holds no gait, which C, Arduino "
+                f"and ROS need; take one of kind {held}, or export to csv or mat"
             )
         rounded: dict[str, Any] = {}
         if "length_step" in result.scalars:

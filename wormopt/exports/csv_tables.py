@@ -38,41 +38,56 @@ def make(
     whole steps. Raises ArgumentError if there is nothing to write, there are no such columns, or
     a step is given without time.
     """
-    if whole_steps and step is not None:
-        about, found = _cycle(result, step)
-        found = _chosen({stem: found}, columns)[stem]
-        return {f"{stem}.csv": _text(_kept(about, found), found)}
-    head = remarks(result)
     if result.kind == "sweep" and step is None and not columns:
         from wormopt.families.gathered import as_csv
 
-        return {f"{stem}.csv": (_comments(head) + as_csv(result)).encode()}
+        return {f"{stem}.csv": (_comments(remarks(result)) + as_csv(result)).encode()}
+    made = tables(result, stem, step, columns, whole_steps=whole_steps)
+    return {f"{name}.csv": _text(*table) for name, table in made.items()}
+
+
+Column = tuple[str, str, np.ndarray]  # name, unit, one value for each row
+Table = tuple[list[str], list[Column]]
+"""Remarks, and columns."""
+
+
+def tables(
+    result: Result,
+    stem: str,
+    step: float | None,
+    columns: Sequence[str],
+    *,
+    whole_steps: bool,
+) -> dict[str, Table]:
+    """Tables of a result by name, see `make`."""
+    if whole_steps and step is not None:
+        about, found = _cycle(result, step)
+        found = _chosen({stem: found}, columns)[stem]
+        return {stem: (_kept(about, found), found)}
+    head = remarks(result)
     own = [v.name for v in result.variables if v.dims == (v.name,)]
     axis = next((a for a in _AXES if a in own), None)
-    tables: dict[str, list[Variable]] = {}
+    by_dimension: dict[str, list[Variable]] = {}
     for variable in result.variables:
         if not variable.name.startswith("gait_"):
             over = axis if axis in variable.dims else "_".join(variable.dims)
-            tables.setdefault(str(over), []).append(variable)
-    if not tables:
+            by_dimension.setdefault(str(over), []).append(variable)
+    if not by_dimension:
         raise ArgumentError(f"{result.scene}: the result holds no signals; export it to mat")
     if step is not None and axis is None:
         raise ArgumentError(f"{result.scene}: the result has no time; leave the step out")
     made: dict[str, list[Column]] = {}
     notes: dict[str, list[str]] = {}
-    for over, variables in tables.items():
-        name = stem if over == axis or len(tables) == 1 else f"{stem}_{over}"
+    for over, variables in by_dimension.items():
+        name = stem if over == axis or len(by_dimension) == 1 else f"{stem}_{over}"
         if axis is not None and over == axis:
             notes[name], made[name] = _over_time(result, axis, variables, step)
         else:
             made[name] = list(_long(result, variables))
     return {
-        f"{name}.csv": _text([*head, *_kept(notes.get(name, []), found)], found)
+        name: ([*head, *_kept(notes.get(name, []), found)], found)
         for name, found in _chosen(made, columns).items()
     }
-
-
-Column = tuple[str, str, np.ndarray]  # name, unit, one value for each row
 
 
 def _chosen(tables: dict[str, list[Column]], names: Sequence[str]) -> dict[str, list[Column]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.common import target
+from wormopt.exports.common import identifier, target
 from wormopt.files import write_files
 from wormopt.quantities import has_unit, to_number
 
@@ -18,11 +18,14 @@ if TYPE_CHECKING:
     from wormopt.model.model import Model
     from wormopt.result import Result
 
-Format = Literal["csv", "mat", "c", "ros", "fmu", "mjcf", "urdf"]
+Format = Literal["csv", "parquet", "mat", "hdf5", "c", "arduino", "ros", "fmu", "mjcf", "urdf"]
 SUFFIXES: dict[str, str] = {
     "csv": ".csv",
+    "parquet": ".parquet",
     "mat": ".mat",
+    "hdf5": ".h5",
     "c": ".c",
+    "arduino": ".ino",
     "ros": ".yaml",
     "fmu": ".fmu",
     "mjcf": ".xml",
@@ -30,9 +33,9 @@ SUFFIXES: dict[str, str] = {
 }
 # Formats that an option changes.
 _CHANGED_BY: dict[str, tuple[Format, ...]] = {
-    "step": ("csv", "ros", "mjcf", "urdf"),
-    "columns": ("csv",),
-    "whole_steps": ("csv", "c", "ros"),
+    "step": ("csv", "parquet", "ros", "mjcf", "urdf"),
+    "columns": ("csv", "parquet"),
+    "whole_steps": ("csv", "parquet", "c", "arduino", "ros"),
     "cycles": ("ros",),
     "rest": ("ros",),
 }
@@ -55,27 +58,29 @@ def export(
     Parameters
     ----------
     what : Result, Gait or Model
-        A Result goes to all formats, as far as it holds what they need; a Gait to "c" and "ros",
-        a Model to "fmu".
-    formats : {"csv", "mat", "c", "ros", "fmu", "mjcf", "urdf"}, or several of them
-        CSV tables; a MATLAB file; C99 source of the gait; the gait as a ROS message
-        trajectory_msgs/JointTrajectory in YAML; an FMI 3.0 unit of the model, its
+        A Result goes to all formats, as far as it holds what they need; a Gait to "c", "arduino"
+        and "ros", a Model to "fmu".
+    formats : {"csv", "parquet", "mat", "hdf5", "c", "arduino", "ros", "fmu", "mjcf", "urdf"}, \
+            or several of them
+        Tables as CSV or Parquet; the whole result for MATLAB or as HDF5; C99 source of the gait;
+        an Arduino sketch that plays the gait on servos, in a folder of its name; the gait as a ROS
+        message trajectory_msgs/JointTrajectory in YAML; an FMI 3.0 unit of the model, its
         friction smooth; the worm for physics engines, as MJCF with keyframes of the gait or as
         URDF with a table of its joints.
     path : str or path, optional
-        A folder, or, for one format, a file with its suffix (.csv, .mat, .c, .yaml, .fmu, .xml,
-        .urdf). By default files are named by the scene, in the current folder.
+        A folder, or, for one format, a file with its suffix (.csv, .parquet, .mat, .h5, .c, .ino,
+        .yaml, .fmu, .xml, .urdf). By default files are named by the scene, in the current folder.
     step : float or str, optional
-        Time between rows of a CSV table, by default those of the result, and between points of
+        Time between rows of a table, by default those of the result, and between points of
         a ROS trajectory, by default 0.01; or "10 ms" where a result has units. Largest time step
         of MJCF, by default 0.001, and between rows of the table beside URDF, by default 0.01:
         both divide the cycle.
     cycles : int, optional
         Cycles of the gait in a ROS trajectory.
     columns : sequence of str, optional
-        Signals in CSV tables, "length" or "length_0" say, besides time; all by default.
+        Signals in tables, "length" or "length_0" say, besides time; all by default.
     whole_steps : bool, optional
-        Whether the gait is slowed down so that a cycle is a whole number of steps. A CSV table
+        Whether the gait is slowed down so that a cycle is a whole number of steps. A table
         then holds one closed cycle of the gait: lengths, rates and accelerations.
     rest : bool, optional
         Whether a ROS trajectory begins and ends at rest: time runs slower in the first and the
@@ -92,7 +97,8 @@ def export(
     ------
     ArgumentError
         If `what` cannot be written so, a number makes no sense, an option changes none of the
-        formats, or an FMU cannot be compiled.
+        formats, a package is missing (extras ``parquet`` and ``hdf5``), or an FMU cannot be
+        compiled.
     SceneError
         If the model of a result cannot be built again.
     OutputError
@@ -129,6 +135,8 @@ def export(
     files: dict[str, bytes] = {}
     for each in wanted:
         files |= _made(what, each, stem, asked)
+    if wanted == ["arduino"] and folder.name == identifier(stem):
+        folder = folder.parent  # the sketch's own folder was named
     placed = {folder / name: content for name, content in files.items()}
     write_files(placed, force=force)
     return tuple(placed)
@@ -172,8 +180,8 @@ def _made(what: Result | Gait | Model, into: str, stem: str, asked: _Asked) -> d
         if into == "mjcf":
             return mjcf.make(robot, stem, 0.001 if asked.step is None else asked.step)
         return urdf.make(robot, stem, 0.01 if asked.step is None else asked.step)
-    if into in ("c", "ros"):
-        from wormopt.exports import c_source, ros
+    if into in ("c", "arduino", "ros"):
+        from wormopt.exports import arduino, c_source, ros
         from wormopt.exports.common import ExportedGait
 
         if not isinstance(what, Result | Gait):
@@ -181,14 +189,15 @@ def _made(what: Result | Gait | Model, into: str, stem: str, asked: _Asked) -> d
         exported = ExportedGait.of(what) if isinstance(what, Result) else ExportedGait(what)
         if asked.whole_steps and asked.step is not None:
             exported = exported.in_whole_steps(asked.step)
-        if into == "c":
-            return c_source.make(exported, stem)
+        if into != "ros":
+            return (c_source if into == "c" else arduino).make(exported, stem)
         step = 0.01 if asked.step is None else asked.step
         return ros.make(exported, stem, step, asked.cycles, rest=asked.rest)
     if not isinstance(what, Result):
         raise ArgumentError(f"{into} takes a Result, not {type(what).__name__}")
-    from wormopt.exports import csv_tables, matlab
+    from wormopt.exports import csv_tables, hdf5, matlab, parquet
 
-    if into == "mat":
-        return matlab.make(what, stem)
-    return csv_tables.make(what, stem, asked.step, asked.columns, whole_steps=asked.whole_steps)
+    if into in ("mat", "hdf5"):
+        return (matlab if into == "mat" else hdf5).make(what, stem)
+    make = (csv_tables if into == "csv" else parquet).make
+    return make(what, stem, asked.step, asked.columns, whole_steps=asked.whole_steps)

@@ -35,19 +35,23 @@ def make(result: Result, stem: str) -> dict[str, bytes]:
         }
         for v in result.variables
     }
-    scalars = {n: {"value": _value(s.value), "units": s.unit} for n, s in result.scalars.items()}
-    texts = ("scene", "kind", "title", "status", "reason", "scene_text")
+    scalars = {n: {"value": value_of(s.value), "units": s.unit} for n, s in result.scalars.items()}
     whole = {
         "variables": _named(variables),
         "scalars": _named(scalars),
-        "trust": json.dumps(result.trust, ensure_ascii=False),
-        "wormopt": VERSION,
-        **{name: getattr(result, name) for name in texts},
+        **texts_of(result),
         "mark": np.frombuffer(MARK.encode(), np.uint8),
     }
     stream = io.BytesIO()
     savemat(stream, whole, long_field_names=True, oned_as="column")
     return {f"{stem}.mat": _HEADER + stream.getvalue()[len(_HEADER) :]}
+
+
+def texts_of(result: Result) -> dict[str, str]:
+    """Texts of a result, its trust report and scene as JSON."""
+    names = ("scene", "kind", "title", "status", "reason", "scene_text")
+    trust = json.dumps(result.trust, ensure_ascii=False)
+    return {"trust": trust, "wormopt": VERSION, **{name: getattr(result, name) for name in names}}
 
 
 def field_names(names: Iterable[str]) -> dict[str, str]:
@@ -71,7 +75,7 @@ def _named(parts: dict[str, Any]) -> dict[str, Any]:
     return {names[name]: part for name, part in parts.items()}
 
 
-def _value(value: Any) -> Any:
+def value_of(value: Any) -> Any:
     """Number, array or text; NaN if unknown, JSON for ragged lists."""
     if value is None:
         return np.nan

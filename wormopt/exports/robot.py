@@ -11,7 +11,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.exports.common import ExportedGait, remarks
-from wormopt.model.friction import Law, Spike
+from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.result import Result
 from wormopt.study.scene import scene_of_text
@@ -20,6 +20,7 @@ from wormopt.systems.chain.loops import laws_of
 from wormopt.systems.planar.design.gaits import side_times
 from wormopt.systems.planar.shape import Polygon, Stroke
 from wormopt.systems.planar.tables import EllipticGround
+from wormopt.systems.spiked import Worm
 
 # Mass of a slow body, whose scene has none, over friction times cycle² over length: inertia changes
 # the displacement by about this share of the length.
@@ -120,6 +121,17 @@ def _spiked(result: Result, table: Any) -> Robot:
     speed = found.get("speed_ideal", found.get("speed"))  # without steps of motors
     displacement = None if speed is None else (float(speed.value) * gait.period, 0.0, 0.0)
     robot = _on_a_line(result, worm, worm.loads(worm.load_range[1]), gait, [Spike()] * masses)
+    return replace(robot, displacement=displacement, **_started(result))
+
+
+def _rubbing(result: Result, _: Any) -> Robot:
+    found = {name: one.value for name, one in result.scalars.items()}
+    mass, gait = found["mass_found"], ExportedGait.of(result).gait
+    worm = Worm(len(mass) - 1, tuple(mass), found["drag_found"])
+    pairs = zip(found["forward_found"], found["backward_found"], strict=True)
+    laws = [Coulomb(forward, backward) for forward, backward in pairs]
+    robot = _on_a_line(result, worm, tuple(found["load_found"]), gait, laws)
+    displacement = (found["speed"] * gait.period, 0.0, 0.0)
     return replace(robot, displacement=displacement, **_started(result))
 
 
@@ -330,6 +342,7 @@ def _swinging(result: Result, table: Any) -> Robot:
 
 _KINDS: dict[str, Callable[[Result, Any], Robot]] = {
     **dict.fromkeys(("gait", "gait-design", "gait-pareto", "stepper"), _spiked),
+    "friction-design": _rubbing,
     **dict.fromkeys(("track", "track-optimal"), _tracked),
     "simulate": _commanded,
     "planar-crawl": _crawling,

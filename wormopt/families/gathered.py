@@ -225,7 +225,7 @@ def everywhere(result: Result, dim: str, values: np.ndarray) -> np.ndarray:
 
 def as_csv(result: Result) -> str:
     """Table of a sweep: a row for every point, with units in the header."""
-    columns = _columns(result)
+    columns = columns_of(result)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(f"{name} [{unit}]" if unit else name for name, (unit, _) in columns.items())
@@ -236,13 +236,13 @@ def as_csv(result: Result) -> str:
 def dataframe(result: Result) -> pandas.DataFrame:
     """Table of a sweep as a pandas.DataFrame, with units in ``attrs["units"]``."""
     pandas = optional("pandas")
-    columns = _columns(result)
+    columns = columns_of(result)
     frame = pandas.DataFrame({name: values for name, (_, values) in columns.items()})
     frame.attrs["units"] = {name: unit for name, (unit, _) in columns.items() if unit}
     return frame
 
 
-def _columns(result: Result) -> dict[str, tuple[str, list[Any]]]:
+def columns_of(result: Result) -> dict[str, tuple[str, list[Any]]]:
     """Unit, or none, and one value for each point: of swept keys and of results."""
 
     def column(unit: str, values: Any) -> tuple[str, list[Any]]:

@@ -242,7 +242,17 @@ class Arc:
         if self.modal:
             equal, held = self._modal_conditions()
         return ca.Function(
-            "point", self.symbols, [ode, ca.vertcat(alg, equal), closure.small, held, integrands]
+            "point",
+            self.symbols,
+            [
+                ode,
+                ca.vertcat(alg, equal),
+                closure.small,
+                held,
+                integrands,
+                closure.speeds,
+                closure.gaps,
+            ],
         )
 
     def _modal_conditions(self) -> tuple[ca.SX, ca.SX]:
@@ -278,7 +288,7 @@ class Arc:
         varying = self._at_points(y, h)
         x = varying[1]
         repeated = [ca.repmat(c, 1, d) for c in fixed]
-        ode, equal, small, held, integrands = self._point.map(d)(*varying, *repeated)
+        ode, equal, small, held, integrands, speeds, gaps = self._point.map(d)(*varying, *repeated)
         if mesh.collocation.scheme == "radau":  # the last point is the end
             end = x[:, d - 1]
         else:
@@ -294,7 +304,7 @@ class Arc:
             [y, level, schedules, design, p],
             [
                 ca.vertcat(ca.vec(defect), ca.vec(equal)),
-                ca.vec(small),
+                ca.vertcat(ca.vec(small), self._crossed(start, speeds, gaps, fixed)),
                 following,
                 rows,
                 (start - jump) / self.x_nominal,
@@ -302,6 +312,15 @@ class Arc:
                 h * ca.mtimes(integrands, ca.DM(mesh.collocation.B)),
             ],
         )
+
+    def _crossed(self, start: ca.SX, speeds: ca.SX, gaps: ca.SX, fixed: list[ca.SX]) -> ca.SX:
+        """Products of every speed on an arc with the sum of the distances from sliding on it."""
+        model, closure = self.problem.model, self.closure
+        if not closure.gaps.numel():
+            return ca.SX(0, 1)
+        at_start = ca.Function("speeds", [pack(model.x), *self.constants], [closure.speeds])
+        every = ca.horzcat(at_start(start, *fixed), speeds)
+        return ca.vec(every * ca.repmat(ca.sum2(gaps), 1, every.shape[1]))
 
     def _at_points(self, y: ca.SX, h: ca.SX) -> list[ca.SX]:
         """Time, states, inputs, slacks, z and unknowns at the collocation points, one a column."""

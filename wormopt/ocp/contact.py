@@ -35,6 +35,10 @@ class Closure:
     # vanish, scaled; without the model's own force symbols
     equal: ca.SX = field(default_factory=_column)
     small: ca.SX = field(default_factory=_column)  # scaled, of size at most level[0]
+    # scaled speeds in the directions of sliding, and distances from sliding: on an arc no product
+    # of a speed, at its start or at a point, and the sum of distances exceeds level[0]
+    speeds: ca.SX = field(default_factory=_column)
+    gaps: ca.SX = field(default_factory=_column)
 
 
 class Treatment(Protocol):
@@ -235,6 +239,77 @@ class Complementarity:
             level=ca.SX.sym("relaxation"),
             equal=_column(*equal),
             small=_column(*small),
+        )
+
+
+def _gap(contact: Contact, direction: int) -> ca.SX:
+    """Distance of a force from sliding, scaled; its square where it may have either sign."""
+    law = contact.law
+    slip, held = law.slip_force(contact.velocity, direction), law.stick_interval
+    gap = direction * (contact.force - slip) / contact.nominal_force
+    same = ca.is_equal(ca.SX(slip), ca.SX(held[0] if direction > 0 else held[1]), 3)
+    return gap if same else gap**2
+
+
+@dataclass(frozen=True)
+class SwitchDetection(Complementarity):
+    """Complementarity that holds a contact's mode over a whole arc, so that arcs end at switches.
+
+    The products are those of every speed on an arc with every force on it (cross complementarity).
+    On a mesh whose arcs have free durations, collocation keeps its full order.
+
+    Parameters
+    ----------
+    residual, first, ratio : float, optional
+        As for `Complementarity`.
+
+    References
+    ----------
+    A. Nurkanovic, M. Sperl, S. Albrecht, M. Diehl, Numer. Math. 156 (2024) 1115-1162.
+
+    Examples
+    --------
+    Arcs of free duration, between a tenth and a half of the unit of time:
+
+    >>> import wormopt as wo
+    >>> mesh = wo.Mesh(8, 1, wo.Collocation(3, "radau"), 1, spans=(0.1, 0.5))
+    >>> SwitchDetection(1e-4, first=0.1, ratio=0.04).levels
+    (0.1, 0.004, 0.00016, 0.0001)
+    """
+
+    def close(self, model: Model) -> Closure:
+        """Unknowns are the forces, in their interval of rest.
+
+        Parameters
+        ----------
+        model : Model
+            Any model.
+
+        Returns
+        -------
+        Closure
+        """
+        _refuse_planar(model, "SwitchDetection")
+        speeds, gaps, equal, rests = [], [], [], []
+        for c in model.contacts:
+            if never_rests(c.law):
+                rests.append((-ca.SX.inf(), ca.SX.inf()))
+                equal.append((c.force - c.law.slip_force(c.velocity, 1)) / c.nominal_force)
+                continue
+            rests.append(c.law.stick_interval)
+            for d in c.law.directions:
+                speeds.append(d * c.velocity / c.nominal_speed)
+                gaps.append(_gap(c, d))
+        return Closure(
+            forces=model.forces,
+            unknowns=model.forces,
+            nominal=np.array([c.nominal_force for c in model.contacts]),
+            lower=_column(*(low for low, _ in rests)),
+            upper=_column(*(high for _, high in rests)),
+            level=ca.SX.sym("relaxation"),
+            equal=_column(*equal),
+            speeds=_column(*speeds),
+            gaps=_column(*gaps),
         )
 
 

@@ -34,6 +34,8 @@ class Mesh:
         a state two integrations behind the input is still represented exactly.
     shares : sequence of float, optional
         Part that each arc has of its phase's duration; without it durations of arcs are free.
+    spans : tuple of float, optional
+        Shortest and longest duration of an arc, where durations are free.
 
     Raises
     ------
@@ -53,6 +55,7 @@ class Mesh:
     collocation: Collocation
     input_degree: int = 0
     shares: Sequence[float] | None = None
+    spans: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         check_kind("collocation", self.collocation, Collocation)

@@ -217,6 +217,11 @@ class NonlinearProgram:
         w, p, f, g = (self._nlp[key] for key in ("x", "p", "f", "g"))
         return ca.Function("linearise", [w, p], [f, ca.gradient(f, w), g, ca.jacobian(g, w)])
 
+    def slopes(self, w: np.ndarray, bounds: Bounds, multipliers: np.ndarray) -> np.ndarray:
+        """Gradient (n_w,) of the Lagrangian without the bounds of variables."""
+        _, gradient, _, jacobian = self._linearise(w, bounds.p)
+        return np.asarray(gradient).ravel() + jacobian.sparse().T @ multipliers
+
     def violation(self, w: np.ndarray, bounds: Bounds) -> float:
         """Largest absolute violation of any bound on w or g, recomputed from the expressions."""
         g = self.constraints(w, bounds)

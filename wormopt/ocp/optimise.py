@@ -19,7 +19,7 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion, sample
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution, Solver
 from wormopt.ocp.problem import Problem
-from wormopt.ocp.transcription import Transcription
+from wormopt.ocp.transcription import Prices, Transcription
 from wormopt.progress import Report, silent
 from wormopt.shown import html, lines
 
@@ -202,6 +202,18 @@ class Optimum:
         step = self.motion.program.nlp.linear_step(self.solution.w, self.bounds, radius)
         size = self.motion.program.problem.nominal
         return np.nan if step is None else size * max(0.0, -step[1])
+
+    @cached_property
+    def prices(self) -> Prices:
+        """Derivatives of the objective by lower and upper bounds, by their names.
+
+        Names are those of constraints and inputs, and ``duration``; bounds that do not hold back
+        the objective have 0.
+        """
+        motion, solution = self.motion, self.solution
+        size = motion.program.problem.nominal
+        prices = motion.program.prices(solution.w, self.bounds, solution.multipliers)
+        return {name: (size * low, size * high) for name, (low, high) in prices.items()}
 
     @cached_property
     def defects(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from wormopt.errors import SolveError
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
+from wormopt.ocp.contact import Complementarity, FixedModes, Regularised, SwitchDetection
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.nlp import Ipopt, Solver
@@ -35,11 +35,14 @@ class Structure:
 def structure_of(motion: Motion, *, speed: float | None, least: int = 1) -> Structure:
     """Extract phases from a motion with smoothed or complementary contact on a fine mesh.
 
-    A contact slower than `speed` rests; if None, only inputs make phases. Runs of fewer than
+    A contact slower than `speed` rests; if None, only inputs make phases. With switch detection
+    each arc has the modes that its forces show. Runs of fewer than
     `least` arcs are noise and join their longer neighbour.
     """
     modes = np.zeros((0, motion.mesh.total), dtype=int)
-    if speed is not None:
+    if isinstance(motion.program.treatment, SwitchDetection):
+        modes = _detected_modes(motion)
+    elif speed is not None:
         modes = _contact_modes(motion, speed)
     active = _active_inputs(motion)
     keys = [(tuple(m), tuple(a)) for m, a in zip(modes.T.tolist(), active.T.tolist(), strict=True)]
@@ -64,6 +67,22 @@ def _contact_modes(motion: Motion, speed: float) -> np.ndarray:
         if len(contact.law.directions) == 1:
             directions[i] = contact.law.directions[0]
     return np.where(rests, 0, directions)
+
+
+def _detected_modes(motion: Motion) -> np.ndarray:
+    """Mode of every contact on every arc with switch detection, shape (n_c, N)."""
+    model, tau = motion.program.problem.model, motion.mesh.collocation.tau
+    t = (motion.breaks[:-1] + np.multiply.outer(tau, motion.arcs.duration)).ravel()
+    rows = []
+    for c in model.contacts:
+        v = motion.observe(c.velocity, t).reshape(len(tau), -1).mean(axis=0)
+        mode = np.zeros(motion.mesh.total, dtype=int)
+        for d in c.law.directions:
+            gap = motion.observe(c.force - c.law.slip_force(c.velocity, d), t)
+            gap = np.abs(gap).reshape(len(tau), -1).mean(axis=0) / c.nominal_force
+            mode[d * v / c.nominal_speed > gap] = d
+        rows.append(mode)
+    return np.array(rows, dtype=int).reshape(len(rows), motion.mesh.total)
 
 
 def _active_inputs(motion: Motion) -> np.ndarray:
@@ -220,7 +239,8 @@ def _loss(exact: Optimum, relaxed: Optimum) -> float:
 def _readings(relaxed: Optimum) -> Iterator[Structure]:
     """Different structures by thresholds of rest and noise, the simplest first."""
     seen = set()
-    for least in (2, 3, 1, 5):
+    detected = isinstance(relaxed.treatment, SwitchDetection)
+    for least in (1, 2) if detected else (2, 3, 1, 5):
         for speed in resting_speeds(relaxed):
             structure = structure_of(relaxed.motion, speed=speed, least=least)
             key = (structure.modes.phases, structure.active)

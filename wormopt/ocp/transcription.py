@@ -30,6 +30,11 @@ from wormopt.ocp.problem import Problem
 # Distance inside an arc, as a share of it, at which schedules are evaluated: sums of durations
 # miss breaks by round-off.
 _WITHIN = 1e-9
+# Weight of differences between neighbouring arcs of free duration within spans.
+_EVEN = 1e-6
+
+
+Prices = Mapping[str, tuple[np.ndarray, np.ndarray]]
 
 
 class ProgramBounds:
@@ -68,7 +73,7 @@ class ProgramBounds:
         small = np.full(self._sizes["small"] * n, levels[0] if len(levels) else 0.0)
         parts = [
             (np.zeros(self._sizes["equal"] * n), np.zeros(self._sizes["equal"] * n)),
-            (-small, small),
+            (-np.inf * small if self.arc.closure.gaps.numel() else -small, small),
             (-following, following),
             rows,
             (np.zeros(self._sizes["joints"]), np.zeros(self._sizes["joints"])),
@@ -89,7 +94,8 @@ class ProgramBounds:
         """Boxes of all arcs' variables, shape (size, n)."""
         arc, at, n = self.arc, self.arc.layout, self.mesh.total
         lower, upper = np.full((at.size, n), -np.inf), np.full((at.size, n), np.inf)
-        lower[0], upper[0] = 0.0, self.problem.duration[1] / arc.time_nominal
+        spans = self.mesh.spans or (0.0, self.problem.duration[1])
+        lower[0], upper[0] = np.array(spans) / arc.time_nominal
         if self.mesh.shares is not None:  # the first arc of a phase bounds the others
             later = np.diff(self.mesh.phase, prepend=-1) == 0
             lower[0, later], upper[0, later] = -np.inf, np.inf
@@ -291,27 +297,20 @@ class ProgramBounds:
             [not ca.depends_on(c.velocity, open_states) for c in model.contacts], dtype=bool
         )
 
-    def name_of(self, row: int) -> str:
-        """Description of a row of the constraints; see `Transcription.name_of`."""
+    @cached_property
+    def labels(self) -> list[tuple[str, int]]:
+        """Name and entry of every row of the constraints."""
         n = self.mesh.total
-        names = ["the equations of motion or of contact", "complementarity", "sharing of load"]
+        kinds = ("the equations of motion or of contact", "complementarity", "sharing of load")
         sizes = [n * self._sizes[k] for k in ("equal", "small", "following")]
-        per_arc: list[str] = []
-        along = sum(box[0].size for box in self._along_rows(0))
-        per_arc += ["a contact's mode"] * (self._sizes["rows"] - along)
-        for bound, box in zip(self.arc.along, self._along_rows(0), strict=True):
-            per_arc += [bound.name] * box[0].size
-        if row < sum(sizes):
-            return names[int(np.searchsorted(np.cumsum(sizes), row, side="right"))]
-        row -= sum(sizes)
-        if row < n * len(per_arc):
-            return per_arc[row % len(per_arc)]
-        row -= n * len(per_arc)
-        ends = [
-            b.name for b in self.problem.boundary_constraints for _ in range(b.expression.numel())
-        ]
-        rest = ["continuity or the period"] * self._sizes["joints"] + ends
-        return rest[row]
+        rows = [(name, 0) for name, size in zip(kinds, sizes, strict=True) for _ in range(size)]
+        boxes = [box[0].size for box in self._along_rows(0)]
+        an_arc = [("a contact's mode", 0)] * (self._sizes["rows"] - sum(boxes))
+        for bound, size in zip(self.arc.along, boxes, strict=True):
+            an_arc += [(bound.name, k % bound.expression.numel()) for k in range(size)]
+        rows += an_arc * n + [("continuity or the period", 0)] * self._sizes["joints"]
+        ends = self.problem.boundary_constraints
+        return rows + [(b.name, k) for b in ends for k in range(b.expression.numel())]
 
 
 class Transcription:
@@ -371,6 +370,9 @@ class Transcription:
             joints,
         )
         objective, boundary = self._finish(before[:, 0], last, total, tally[:, n - 1], design, p)
+        if self.mesh.spans is not None:  # else nothing determines arcs between switches
+            uneven = ca.diff(y[0, :].T) * self.arc.time_nominal / sum(self.mesh.spans)
+            objective += _EVEN * ca.sumsqr(uneven)
         parameters = ca.vertcat(ca.vec(levels), ca.vec(schedules), p)
         sums = [ca.sum2(integrals[:, : k + 1]) for k in range(n)]
         self._totals = ca.Function("totals", [w, parameters], [ca.vertcat(ends, *sums)])
@@ -455,7 +457,40 @@ class Transcription:
 
     def name_of(self, row: int) -> str:
         """Description of a row of the constraints."""
-        return self._limits.name_of(row)
+        return self._limits.labels[row][0]
+
+    def prices(self, w: np.ndarray, bounds: Bounds, multipliers: np.ndarray) -> Prices:
+        """Derivatives of the scaled objective by lower and upper bounds, by their names.
+
+        One number for each entry of a constraint, an input, or ``duration``. Multipliers of the
+        variables follow from those of the constraints: the gradient vanishes.
+        """
+        bounded = (*self.arc.along, *self.problem.boundary_constraints)
+        found = {b.name: np.zeros((2, b.expression.numel())) for b in bounded}
+        nominal = {b.name: b.nominal for b in bounded}
+        for (name, entry), value in zip(self._limits.labels, multipliers, strict=True):
+            if name in found:
+                found[name][int(value > 0), entry] -= value / nominal[name]
+        at, n, arc = self.arc.layout, self.mesh.total, self.arc
+        slopes = self.nlp.slopes(w, bounds, multipliers)
+
+        def inputs(values: np.ndarray) -> np.ndarray:
+            block = values[: at.size * n].reshape((at.size, n), order="F")[at.inputs]
+            return block.reshape(self.mesh.input_degree + 1, len(arc.u_nominal), n)
+
+        first = 0
+        for signal in self.problem.model.u:
+            own = slice(first, first + signal.size)
+            first += signal.size
+            middle = (signal.lower + signal.upper) / 2 / signal.nominal
+            above, slope = inputs(w)[:, own] > middle, inputs(slopes)[:, own] / signal.nominal
+            sides = [np.where(side, slope, 0.0).sum(axis=(0, 2)) for side in (~above, above)]
+            found[signal.name] = np.array(sides)
+        row = at.size * n + self.problem.model.n_x
+        upper = bool(2 * w[row] >= bounds.lbw[row] + bounds.ubw[row])
+        found["duration"] = np.zeros((2, 1))
+        found["duration"][int(upper)] = slopes[row] / arc.time_nominal
+        return {name: (low, high) for name, (low, high) in found.items()}
 
     def guarded(self, bounds: Bounds) -> Bounds:
         """Bound every arc's duration by 0 from below, even if its phase implies it.

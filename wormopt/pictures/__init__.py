@@ -5,9 +5,11 @@ The registry of kinds lists them; each is loaded when it is drawn.
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
@@ -86,7 +88,8 @@ def draw(
         Its name, as in the key `want` of scenes of this kind.
     path : path
         A name in a folder that exists, with the suffix ``.png``, ``.pdf`` or ``.svg``; of an
-        animation ``.gif`` too, or ``.mp4`` where ffmpeg is installed.
+        animation ``.gif`` too, or ``.mp4`` where ffmpeg is installed. An animation moves in
+        ``.svg``, too.
     width : float, optional
         In mm: 180 is a page (as is None), 85 one of two columns. Text keeps its size.
     height : float, optional
@@ -123,6 +126,8 @@ def draw(
     try:
         if isinstance(moves, Animation) and form in MOVING:
             _film(moves, drawn, unfinished)
+        elif isinstance(moves, Animation) and form == "svg":
+            unfinished.write_text(moving_svg(moves, drawn), encoding="utf-8", newline="\n")
         else:
             save(drawn, unfinished, form)
         unfinished.write_bytes(sealed(unfinished.read_bytes()))
@@ -136,6 +141,45 @@ def save(drawn: Figure, target: Path | IO[bytes], form: str) -> None:
     with styled():
         _lay_out(drawn, _DPI)
         drawn.savefig(target, format=form, dpi=_DPI, metadata=_METADATA[form])
+
+
+def shortened(svg: str) -> str:
+    """Round coordinates in SVG to a hundredth of a point, and leave comments and spaces out."""
+    svg = re.sub(r"<!--.*?-->|(?<=>)\s+(?=<)", "", svg, flags=re.DOTALL)
+    return re.sub(r' (?:d|x|y|points)="[^"]*"', _rounded, svg)
+
+
+def _rounded(attribute: re.Match[str]) -> str:
+    text = re.sub(r"-?\d+\.\d{3,}", lambda m: f"{round(float(m[0]), 2):g}", attribute[0])
+    return re.sub(r"\s*([A-Za-z])\s+(?=-?\d)", r"\1", text).replace("\n", "")
+
+
+def all_frames(moves: Animation, drawn: Figure, every: int = 1) -> str:
+    """Write all frames, or some, into one SVG, with the classes ``frame``, and ``f0`` and so on."""
+    moves.show_all(drawn, every)
+    stream = BytesIO()
+    save(drawn, stream, "svg")
+    moves.show(drawn, 0)
+    text = shortened(stream.getvalue().decode())
+    return re.sub(r'<g id="frame-(\d+)-\d+">', r'<g class="frame f\1">', text)
+
+
+def moving_svg(moves: Animation, drawn: Figure) -> str:
+    """Write an animation as SVG that moves by itself, without scripts.
+
+    A style sheet shows one frame after the other. Viewers without animations, and readers who want
+    little motion, see the first.
+    """
+    text = all_frames(moves, drawn)
+    share, duration = 100 / moves.frames, moves.frames / _FRAMES_PER_SECOND
+    begin = (f".f{k}{{animation-delay:{k / _FRAMES_PER_SECOND:.5f}s}}" for k in range(moves.frames))
+    style = (
+        f"@keyframes shown{{0%{{visibility:visible}}{share:.6f}%{{visibility:hidden}}}}"
+        f".frame{{visibility:hidden;animation:shown {duration:.5f}s step-end infinite}}"
+        f".f0{{visibility:visible}}{''.join(begin)}"
+        "@media(prefers-reduced-motion:reduce){.frame{animation:none}}"
+    )
+    return text.replace("<defs>", f"<style>{style}</style><defs>", 1)
 
 
 def _lay_out(drawn: Figure, dpi: float) -> None:

@@ -311,6 +311,14 @@ class Panel:
         self.axes.fill_between(self._values(x), self._values(low), self._values(high),
                                label=text or None, **look)  # fmt: skip
 
+    def filled(self, x: np.ndarray, y: np.ndarray, color: str, low: float = 0.0, **style: Any
+               ) -> None:  # fmt: skip
+        """Fill the area from a level up to a curve across the axes; its sides are beyond them."""
+        left, right = x[0] - np.ptp(x), x[-1] + np.ptp(x)
+        across = np.append(x, [right, right, left, left])
+        (area,) = self.axes.fill(across, np.append(y, [y[-1], low, low, y[0]]), color, **style)
+        area.set_linewidth(style.get("linewidth", 0.0))
+
     def level(
         self, value: str | float | None, text: str = "", *, axis: str = "y", **style: Any
     ) -> None:
@@ -397,6 +405,10 @@ class Panel:
         self._auto("x", x)
         self.legend()
 
+    def above(self, text: str) -> None:
+        """Write above the axes, such as the time of a frame."""
+        self.axes.text(0.0, 1.02, text, va="bottom", transform=self.axes.transAxes)
+
     def scenery(self, *, equal: bool = True, heights: bool = True) -> None:
         """Make the panel one in which things are drawn: without a grid, to scale.
 
@@ -444,6 +456,7 @@ class Animation:
 
     def __call__(self, result: Result) -> Figure:
         drawn = self.stage(result).drawn
+        drawn.moves = self
         axes = drawn.axes[0]
         for artist in _moving(axes):
             artist.set_gid("stays")
@@ -451,12 +464,26 @@ class Animation:
         return drawn
 
     def show(self, drawn: Any, frame: int) -> None:
-        """Change a figure that shows another frame to show this one."""
+        """Change a figure that shows other frames to show this one."""
+        self.pose(self._cleared(drawn), frame)
+
+    def show_all(self, drawn: Any, every: int = 1) -> None:
+        """Change a figure to show all frames; the ids of artists begin with ``frame-NUMBER-``.
+
+        With `every`, some frames are left out; the others are counted from 0.
+        """
+        panel = self._cleared(drawn)
+        for count, frame in enumerate(range(0, self.frames, every)):
+            self.pose(panel, frame)
+            for k, artist in enumerate(a for a in _moving(panel.axes) if a.get_gid() is None):
+                artist.set_gid(f"frame-{count}-{k}")
+
+    def _cleared(self, drawn: Any) -> Panel:
         (panel, *_) = drawn.page.panels
         for artist in _moving(panel.axes):
             if artist.get_gid() != "stays":
                 artist.remove()
-        self.pose(panel, frame)
+        return panel
 
 
 def _moving(axes: Axes) -> list[Artist]:

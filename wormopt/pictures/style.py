@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
+from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
@@ -25,6 +26,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from wormopt.lazy import above
+
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType  # since Matplotlib 3.11
 
@@ -38,6 +41,7 @@ VARIABLES = ("#8C510A", "#B22222", "#1B7F79", "#7B3FB2", "#8A8A8A")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (6, 1.2, 1.2, 1.2)))
 GREY, RED, GLIDE = "#5A5A5A", "#B22222", "#F3E3C3"
 LIMIT: Any = (0, (5, 3))  # dashes of limits, thin and grey
+CENTRED: dict[str, Any] = {"ha": "center", "va": "center_baseline", "weight": "bold"}
 COLUMN, PAGE = 85.0, 180.0  # widths of one column and of two in a journal, mm
 INCH = 25.4
 _NARROW, _INCHES = 120.0, 7.1  # heights of pictures are given for this width
@@ -95,6 +99,14 @@ class Sheet(Figure):
     """A figure that notebooks show, without a window."""
 
     page: Any = None  # which an animation draws on
+    moves: Any = None  # the animation
+
+    def _repr_html_(self) -> str | None:
+        if self.moves is None:
+            return None
+        svg: str = above("wormopt.pictures:moving_svg")(self.moves, self)
+        code = b64encode(svg.encode()).decode()
+        return f'<img src="data:image/svg+xml;base64,{code}" alt="an animation">'
 
     def _repr_png_(self) -> bytes:
         file = BytesIO()

@@ -1,6 +1,6 @@
 "use strict";
 // The page can be read without any of this. Worms: a slider and a button in place of poses that
-// stand still. Sweeps: one map at a time, whose cells open a point.
+// stand still, or of the first frame. Sweeps: one map at a time, whose cells open a point.
 
 const svg = (figure, name) => [...figure.querySelectorAll(name)];
 
@@ -15,10 +15,6 @@ function worm(figure) {
     bars: svg(lane, ".bar"),
   }));
   const rod = figure.querySelector(".stage .rod");
-  const slider = figure.querySelector(".slider");
-  const button = figure.querySelector(".play");
-  const now = figure.querySelector(".now");
-  const still = matchMedia("(prefers-reduced-motion: reduce)");
   const shown = (value) => String(+value.toPrecision(3)).replace("-", "−");
 
   function show(frame) {
@@ -50,21 +46,50 @@ function worm(figure) {
     const at = lanes.length === 1 && lanes[0].rests
       ? lanes[0].rests.flatMap((row, i) => (row[frame] === "1" ? [i] : [])).join(", ") || "none"
       : "";
-    const text = `t = ${shown(time)}${data.unit ? ` ${data.unit}` : ""}${at ? `, at rest: ${at}` : ""}`;
+    return `t = ${shown(time)}${data.unit ? ` ${data.unit}` : ""}${at ? `, at rest: ${at}` : ""}`;
+  }
+
+  figure.querySelector(".stage").hidden = false;
+  play(figure, count, 6, show);
+}
+
+// Frames that are all in one drawing.
+function film(figure) {
+  const frames = [];
+  for (const part of svg(figure, ".frame")) {
+    const k = +part.getAttribute("class").match(/f(\d+)/)[1];
+    (frames[k] ||= []).push(part);
+  }
+  let before = [];
+  play(figure, frames.length, frames.length / 8, (frame) => {
+    for (const part of before) part.classList.remove("now");
+    before = frames[frame];
+    for (const part of before) part.classList.add("now");
+    return `frame ${frame} of ${frames.length}`;
+  });
+}
+
+// A button and a slider over frames; show(frame) draws one and returns words for it.
+function play(figure, count, seconds, show) {
+  const slider = figure.querySelector(".slider");
+  const button = figure.querySelector(".play");
+  const now = figure.querySelector(".now");
+  const still = matchMedia("(prefers-reduced-motion: reduce)");
+  function turn(frame) {
+    const text = show(frame);
     now.textContent = text;
     slider.setAttribute("aria-valuetext", text);
     slider.style.setProperty("--done", `${(100 * frame) / (count - 1)}%`);
   }
 
   let playing = 0;
-  const seconds = 6;
   function stop() {
     cancelAnimationFrame(playing);
     playing = 0;
     button.textContent = "Play";
     button.setAttribute("aria-pressed", "false");
   }
-  function play() {
+  function start() {
     if (playing) return stop();
     let at = +slider.value >= count - 1 ? 0 : +slider.value;
     let before = performance.now();
@@ -76,32 +101,31 @@ function worm(figure) {
       if (at > count - 1) {
         if (still.matches) { // whoever wants little motion sees it once
           slider.value = count - 1;
-          show(count - 1);
+          turn(count - 1);
           return stop();
         }
         at -= count - 1;
       }
       slider.value = Math.floor(at);
-      show(+slider.value);
+      turn(+slider.value);
       playing = requestAnimationFrame(step);
     };
     playing = requestAnimationFrame(step);
   }
 
-  button.addEventListener("click", play);
+  button.addEventListener("click", start);
   slider.addEventListener("input", () => {
     if (playing) stop();
-    show(+slider.value);
+    turn(+slider.value);
   });
   slider.addEventListener("keydown", (key) => {
     if (key.key === " ") {
       key.preventDefault();
-      play();
+      start();
     }
   });
-  figure.querySelector(".stage").hidden = false;
   figure.classList.add("live");
-  show(0);
+  turn(0);
 }
 
 function sweep(whole) {
@@ -189,4 +213,5 @@ function sweep(whole) {
 }
 
 document.querySelectorAll("figure.moving").forEach(worm);
+document.querySelectorAll("figure.film").forEach(film);
 document.querySelectorAll(".sweep").forEach(sweep);

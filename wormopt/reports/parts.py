@@ -36,6 +36,15 @@ def table(kind: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str
     return f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
 
 
+def controls(last: int) -> str:
+    """Button and slider over frames 0 to `last`, which the page's script shows."""
+    return (
+        '<div class="controls"><button type="button" class="play" aria-pressed="false">Play'
+        '</button><input type="range" class="slider" min="0" '
+        f'max="{last}" value="0" step="1" aria-label="Time"><output class="now"></output></div>'
+    )
+
+
 def code(text: str) -> str:
     """Lines to type or save."""
     return scrolled("Text of code", f"<pre><code>{text}</code></pre>")

@@ -8,9 +8,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Any
 
 from wormopt.kinds import KINDS
-from wormopt.reports.parts import escaped
+from wormopt.reports.parts import controls, escaped
 from wormopt.result import Result
 
 
@@ -64,6 +65,37 @@ def _picture(result: Result, name: str, prefix: str) -> Picture:
     return Picture(caption, _embedded(into.getvalue(), prefix, caption))
 
 
+_MOST_FRAMES = 80
+
+
+def animation(result: Result, ident: str, room: float) -> str:
+    """The animation of a result as a figure for the page's script, empty if it has none.
+
+    `room`: largest number of letters.
+    """
+    names = KINDS[result.kind].pictures if result.kind in KINDS else {}
+    if "animation" not in names:
+        return ""
+    from wormopt.pictures import all_frames, figure
+
+    try:
+        drawn: Any = figure(result, "animation", title=False)
+        every = -(-drawn.moves.frames // _MOST_FRAMES)
+        svg = all_frames(drawn.moves, drawn, every)
+    except KeyError:  # results for this picture were not requested
+        return ""
+    except Exception as error:  # a failed picture must not cost the page
+        what = f"The animation could not be drawn ({type(error).__name__}: {error})."
+        return f'<p class="note">{escaped(what)}</p>'
+    svg = _embedded(svg, f"{ident}-", "The motion at the chosen time")
+    if len(svg) > room:
+        return '<p class="note">The animation is left out for want of room.</p>'
+    last = -(-drawn.moves.frames // every) - 1
+    return (
+        f'<figure class="film" id="{ident}"><div class="card">{svg}</div>{controls(last)}</figure>'
+    )
+
+
 def _caption(source: str) -> str:
     module, _, function = source.partition(":")
     doc = inspect.getdoc(getattr(import_module(module), function)) or ""
@@ -72,20 +104,17 @@ def _caption(source: str) -> str:
 
 def _embedded(svg: str, prefix: str, caption: str) -> str:
     """Embed a file's SVG in a page, with unique ids, only visible parts, and short numbers."""
+    from wormopt.pictures import shortened
+
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.S)
     used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', svg))
     svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", svg)
     svg = re.sub(r'(url\(#|href="#)', rf"\g<1>{prefix}", svg)
-    svg = re.sub(r' (?:d|x|y|points)="[^"]*"', _shortened, svg)
+    svg = shortened(svg)
     head = re.search(r'viewBox="[^"]*"', svg)
     whole = (
         f'<svg xmlns:xlink="http://www.w3.org/1999/xlink" {head[0] if head else ""} role="img" '
         f'aria-label="{escaped(caption)}">'
     )
     return re.sub(r"\s*\n\s*", "\n", whole + svg[svg.index(">") + 1 :].strip())
-
-
-def _shortened(attribute: re.Match[str]) -> str:
-    text = re.sub(r"-?\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", attribute[0])
-    return text.replace("\n", "")

@@ -18,7 +18,7 @@ from wormopt.reports import numbers, sweep
 from wormopt.reports.parts import escaped, sentence, value_text
 from wormopt.reports.pictures import pictures
 from wormopt.reports.source import Source, again_html, asked_html
-from wormopt.reports.worm import motion_html, moving, rod
+from wormopt.reports.worm import motion_of
 from wormopt.result import Result
 from wormopt.version import VERSION
 
@@ -109,8 +109,9 @@ def _section(source: Source, number: int, results: Sequence[Result], room: float
         part("The sweep", sweep.sweep_html(source, ident, room) + numbers.table_html(result))
     else:
         part("The answer", numbers.headline_html(result) + numbers.table_html(result))
-    motion = moving(result) or rod(result)
-    part("The motion", motion_html(motion, f"{ident}-motion") if motion else "")
+    motion = motion_of(result, f"{ident}-motion", room)
+    room -= len(motion)
+    part("The motion", motion)
     part("What was asked", asked_html(result))
     part("Pictures", "".join(p.html() for p in pictures(result, ident, room)) if not swept else "")
     part("How far to trust it", numbers.trust_html(result))

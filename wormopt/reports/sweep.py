@@ -24,7 +24,7 @@ from wormopt.reports.parts import (
     unit_text,
     value_text,
 )
-from wormopt.reports.pictures import pictures
+from wormopt.reports.pictures import animation, pictures
 from wormopt.reports.source import Source
 from wormopt.reports.worm import motion_html, moving, rod
 from wormopt.result import Result
@@ -130,7 +130,8 @@ def grid_of(source: Source) -> Grid:
     states = result["status"].values.ravel()
     count = len(states)
     reasons = result.attributes.get("reasons") or []
-    names_of_files = result.attributes.get("files") or []
+    # "points" in sweeps saved by earlier builds
+    names_of_files = result.attributes.get("files") or result.attributes.get("points") or []
     files = [_file(source.folder, result.scene, name) for name in names_of_files]
     return Grid(
         axes,
@@ -488,9 +489,13 @@ def _blocks(grid: Grid, ident: str, room: float) -> dict[int, str]:
     drawn = 0
     for point, result in grid.results(_MOST_OPENED):
         own = f"{ident}-p{point}"
+        few = drawn < _MOST_DRAWN and len(grid.files) <= _MOST_DRAWN
         found = moving(result) or rod(result)
-        parts = [motion_html(found, f"{own}-motion")] if found else []
-        if drawn < _MOST_DRAWN and len(grid.files) <= _MOST_DRAWN:
+        motion = motion_html(found, f"{own}-motion") if found else ""
+        if few and not found:
+            motion = animation(result, f"{own}-motion", room)
+        parts = [motion] if motion else []
+        if few:
             shown = [p for p in pictures(result, own, room, most=1) if p.svg]
             parts += [picture.html() for picture in shown]
             drawn += len(shown)

@@ -9,48 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.quantities import GRAVITY
-from wormopt.reports.parts import escaped, number, unit_text, value_text
-from wormopt.reports.source import scene_of
+from wormopt.pictures.worms import STEEPEST, Lane, Moving, camera, moving, round_step
+from wormopt.reports.parts import controls, escaped, number, unit_text, value_text
+from wormopt.reports.pictures import animation
 from wormopt.result import Result
-
-_CYCLES = 2  # shown cycles of a gait
-_MOST_FRAMES, _FEWEST_FRAMES, _MOST_NUMBERS = 241, 61, 40_000
-_MOST_LANES = 6
-STEEPEST = float(np.radians(30))
-"""Largest slope drawn: a steeper one leaves no room for the worm."""
-
-
-@dataclass(frozen=True, eq=False)
-class Lane:
-    """A worm in motion.
-
-    position: (mass, frame). rests: (mass, frame) or None if unknown.
-    load: (mass, frame), force of the ground or load on the spike, or None.
-    """
-
-    label: str
-    position: np.ndarray
-    rests: np.ndarray | None = None
-    load: np.ndarray | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Moving:
-    """Worms side by side over the same time.
-
-    time: (frame,), in equal steps. angle: of the slope, rad. pull: the load that pulls each mass
-    back, 0 if it is the slope.
-    """
-
-    time: np.ndarray
-    lanes: tuple[Lane, ...]
-    unit: str
-    time_unit: str
-    load_name: str = ""
-    load_unit: str = "1"
-    angle: float = 0.0
-    pull: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,42 +28,6 @@ class Rod:
     time_unit: str
 
 
-def moving(result: Result) -> Moving | None:
-    """Masses on the ground over time, None if the result has no such motion."""
-    if "position" not in result:
-        return None
-    position = result["position"]
-    along = position.dims[-1]
-    if along not in ("time", "instant") or along not in result or len(position.values.T) < 2:
-        return None
-    time = result[along].values
-    masses = 1 if position.dims[-2:-1] != ("mass",) else position.values.shape[-2]
-    courses = position.values.reshape(-1, masses, len(time))[:_MOST_LANES]
-    whole = np.isfinite(courses).all(axis=(0, 1)) & np.isfinite(time)
-    kept = len(time) if whole.all() else int(np.argmin(whole))
-    if kept < 2 or time[kept - 1] <= time[0]:
-        return None
-    rests, load = _rests(result, courses.shape), _loads(result, courses.shape)
-    if result.kind == "capsule" and "inner_position" in result:
-        courses = np.concatenate([courses, courses + result["inner_position"].values], axis=1)
-        rests, load = _alone(rests, False), _alone(load, 0.0)
-    cycles = _CYCLES if "resting" in result else 1
-    frames = _frames(courses.shape[0] * courses.shape[1])
-    at = np.linspace(time[0], time[0] + cycles * (time[kept - 1] - time[0]), frames)
-    lanes = tuple(
-        _lane(label, time[:kept], at, course[:, :kept], *(_of(rests, k), _of(load, k)))
-        for k, (label, course) in enumerate(zip(_labels(result, position.dims), courses))  # noqa: B905
-    )
-    name = "load on the spike" if "reaction" in result else "force of the ground"
-    source = "reaction" if "reaction" in result else "contact_force"
-    angle, pull = _slope(result)
-    return Moving(
-        at, lanes, position.unit, result[along].unit,
-        name if load is not None else "", result[source].unit if load is not None else "1",
-        angle, pull,
-    )  # fmt: skip
-
-
 def rod(result: Result) -> Rod | None:
     """The rod of kind rod-motion."""
     if not all(name in result for name in ("frame", "rod_x", "rod_y")):
@@ -110,91 +36,6 @@ def rod(result: Result) -> Rod | None:
     half = result.attributes.get("channel", 2.2 * float(np.abs(y).max())) / 2
     body = result.attributes.get("body", 0.2 * half)
     return Rod(time, x, y, half, body, result["rod_x"].unit, result["frame"].unit)
-
-
-def _frames(rows: int) -> int:
-    return int(np.clip(_MOST_NUMBERS // rows, _FEWEST_FRAMES, _MOST_FRAMES))
-
-
-def _lane(
-    label: str,
-    time: np.ndarray,
-    at: np.ndarray,
-    course: np.ndarray,
-    rests: np.ndarray | None,
-    load: np.ndarray | None,
-) -> Lane:
-    """Resample one worm; a motion shorter than the shown time is repeated."""
-    period = time[-1] - time[0]
-    turn = np.minimum((at - time[0]) // period, np.ceil((at[-1] - time[0]) / period - 1e-9) - 1)
-    within = at - turn * period
-    position = np.array([np.interp(within, time, row) for row in course])
-    position += turn * (course[0, -1] - course[0, 0])
-    index = np.clip(np.searchsorted(time, within, side="right") - 1, 0, len(time) - 1)
-    held = [None if rows is None else rows[:, index] for rows in (rests, load)]
-    return Lane(label, position, *held)
-
-
-def _rests(result: Result, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Rests of masses over time: from the result, else where the velocity is exactly zero."""
-    if "resting" in result:
-        return result["resting"].values.astype(bool).reshape(1, *shape[1:])
-    if "velocity" not in result or result["velocity"].dims != result["position"].dims:
-        return None
-    speed = np.abs(result["velocity"].values.reshape(-1, *shape[1:]))
-    rests = speed <= 1e-9 * np.nanmax(speed)
-    return rests if rests.mean() > 0.01 else None
-
-
-def _loads(result: Result, shape: tuple[int, ...]) -> np.ndarray | None:
-    for name in ("reaction", "contact_force"):
-        if name in result and result[name].values.size % (shape[1] * shape[2]) == 0:
-            load = result[name].values.reshape(-1, *shape[1:])
-            if np.isfinite(load).all() and np.any(load):
-                return load
-    return None
-
-
-def _alone(rows: np.ndarray | None, fill: Any) -> np.ndarray | None:
-    """Add a row for the inner mass, which never touches the ground."""
-    if rows is None:
-        return None
-    return np.concatenate([rows, np.full_like(rows, fill)], axis=1)
-
-
-def _of(rows: np.ndarray | None, lane: int) -> np.ndarray | None:
-    return None if rows is None else rows[min(lane, len(rows) - 1)]
-
-
-def _labels(result: Result, dims: tuple[str, ...]) -> list[str]:
-    """Names of the worms of a result with several."""
-    before = [dim for dim in dims[:-1] if dim != "mass"]
-    names = [""]
-    for dim in before:
-        count = dict(zip(dims, result["position"].values.shape, strict=True))[dim]
-        own = result.attributes.get(f"{dim}s") or [f"{dim} {k}" for k in range(count)]
-        names = [f"{name}, {one}".lstrip(", ") for name in names for one in own]
-    return [str(name) for name in names]
-
-
-def _slope(result: Result) -> tuple[float, float]:
-    """Angle of the ground, rad, and the load that pulls in addition.
-
-    A load alone is a slope if possible: a weight in SI units determines an angle.
-    """
-    raw = scene_of(result)
-    worm = raw.get("worm")
-    slope, load, mass = (
-        worm.get(name) if isinstance(worm, dict) else None for name in ("slope", "load", "mass")
-    )
-    load = float(load) if isinstance(load, int | float) else 0.0
-    if isinstance(slope, int | float) and slope:
-        return float(slope), load
-    if load and raw.get("units") == "SI" and isinstance(mass, int | float):
-        share = load / (mass * GRAVITY)
-        if abs(share) <= np.sin(STEEPEST):
-            return float(np.arcsin(share)), 0.0
-    return 0.0, load
 
 
 _WIDTH, _PAD = 720.0, 26.0
@@ -207,6 +48,12 @@ _PULL = (
 )
 
 
+def motion_of(result: Result, ident: str, room: float) -> str:
+    """Figure of the motion in a result, drawn by the page or in frames; empty without any."""
+    found = moving(result) or rod(result)
+    return motion_html(found, ident) if found else animation(result, ident, room)
+
+
 def motion_html(motion: Moving | Rod, ident: str) -> str:
     """A figure: poses to read without scripts, and a stage that the script shows instead."""
     if isinstance(motion, Rod):
@@ -217,10 +64,7 @@ def motion_html(motion: Moving | Rod, ident: str) -> str:
     last = len(motion.time) - 1
     return (
         f'<figure class="moving" id="{ident}"><div class="still">{poses}</div>'
-        f'<div class="stage" hidden=""><div class="card-plain">{stage}</div>'
-        '<div class="controls"><button type="button" class="play" aria-pressed="false">Play'
-        '</button><input type="range" class="slider" min="0" '
-        f'max="{last}" value="0" step="1" aria-label="Time"><output class="now"></output></div>'
+        f'<div class="stage" hidden=""><div class="card-plain">{stage}</div>{controls(last)}'
         f'</div><figcaption>{caption}</figcaption><script type="application/json">{text}'
         "</script></figure>"
     )
@@ -232,10 +76,10 @@ def motion_html(motion: Moving | Rod, ident: str) -> str:
 def _worm_parts(moving: Moving) -> tuple[str, dict[str, Any], str, str]:
     low = min(lane.position.min() for lane in moving.lanes)
     high = max(lane.position.max() for lane in moving.lanes)
-    every = np.concatenate([lane.position for lane in moving.lanes])
-    reach = float((every.max(axis=0) - every.min(axis=0)).max())
-    follow = reach > 0 and high - low > 4 * reach
-    window = 1.7 * reach if follow else max(float(high - low), 1e-300)
+    middles, window = camera(moving), max(float(high - low), 1e-300)
+    if middles is not None:
+        every = np.concatenate([lane.position for lane in moving.lanes])
+        window = 1.7 * float((every.max(axis=0) - every.min(axis=0)).max())
     scale = (_WIDTH - 2 * _PAD) / window
     loads = [np.abs(lane.load).max() for lane in moving.lanes if lane.load is not None]
     most = float(max(loads, default=0.0))
@@ -247,11 +91,13 @@ def _worm_parts(moving: Moving) -> tuple[str, dict[str, Any], str, str]:
         "origin": float(low),
         "pad": _PAD,
         "bar": _LONGEST_BAR / most if most else 0,
-        "follow": _camera(every, low, scale) if follow else [],
+        "follow": _shifts(middles, low, scale),
         "lanes": [_lane_data(lane, float(high - low), most) for lane in moving.lanes],
     }
     stage = _stage(moving, scale, low, high, radius)
-    poses = "".join(_poses(lane, moving, scale, low, follow) for lane in moving.lanes[:3])
+    poses = "".join(
+        _poses(lane, moving, scale, low, middles is not None) for lane in moving.lanes[:3]
+    )
     return stage, data, poses, _worm_caption(moving, most)
 
 
@@ -287,10 +133,11 @@ def _lane_data(lane: Lane, span: float, most: float) -> dict[str, Any]:
     return found
 
 
-def _camera(every: np.ndarray, low: float, scale: float) -> list[float]:
+def _shifts(middles: np.ndarray | None, low: float, scale: float) -> list[float]:
     """Shift of the ground to the left, frame by frame, if the worm leaves the picture."""
-    middle = (every.max(axis=0) + every.min(axis=0)) / 2
-    return np.round((middle - low) * scale + _PAD - _WIDTH / 2, 1).tolist()
+    if middles is None:
+        return []
+    return np.round((middles - low) * scale + _PAD - _WIDTH / 2, 1).tolist()
 
 
 def _radius(lanes: Sequence[Lane], scale: float) -> float:
@@ -346,7 +193,7 @@ def _stage_lane(lane: Lane, top: float, radius: float, marks: str) -> str:
 
 def _marks(low: float, high: float, scale: float) -> list[tuple[float, float]]:
     """Marks on the ground at equal round distances, and their positions in the picture."""
-    step = _round_step(100 / scale)
+    step = round_step(100 / scale)
     first = np.ceil((low - 0.5 * _PAD / scale) / step) * step
     places = np.arange(first, high + 0.5 * _PAD / scale, step)[:600]
     return [(round(float(place), 12), (place - low) * scale + _PAD) for place in places]
@@ -363,11 +210,6 @@ def _tick_names(low: float, high: float, scale: float, base: float) -> str:
         f'<text class="tick" x="{at:.2f}" y="{base:.1f}">{number(place)}</text>'
         for place, at in _marks(low, high, scale)
     )
-
-
-def _round_step(least: float) -> float:
-    power = 10.0 ** np.floor(np.log10(least))
-    return float(next(m * power for m in (1, 2, 5, 10) if m * power >= least * (1 - 1e-9)))
 
 
 def _poses(lane: Lane, moving: Moving, scale: float, low: float, follow: bool) -> str:
@@ -438,5 +280,5 @@ def _rod_parts(rod: Rod) -> tuple[str, dict[str, Any], str, str]:
         f'{" ".join(f"{a},{b}" for a, b in zip(x[k], y[k], strict=True))}"/></svg>'
         for k in shown
     )  # fmt: skip
-    step = value_text(_round_step(100 / scale), rod.unit, 3)
+    step = value_text(round_step(100 / scale), rod.unit, 3)
     return stage, data, poses, escaped(f"The rod between its walls; marks every {step}.")

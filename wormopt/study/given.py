@@ -56,6 +56,7 @@ _RENAMED = {
     "aim": ("objective",),
     "course": ("time", "route"),
     "duration": ("end",),
+    "force": ("actuator_force",),
     "grid": ("mesh",),
     "inner": ("inner_radius",),
     "modulus": ("youngs_modulus",),

@@ -24,7 +24,7 @@ from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check, Result, Status, Unchecked, left_out
 from wormopt.shown import brief, lines
-from wormopt.study.given import Given, bare, entry, said_of, tables_in
+from wormopt.study.given import Given, bare, default_of, entry, said_of, tables_in
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
 from wormopt.study.reference import quantity_of
 from wormopt.study.swept import Swept
@@ -133,6 +133,12 @@ class Study(Given):
     def scene(self) -> Any:
         """The study as a Scene."""
         return Scene(self.name, self.folder, self)
+
+    def __repr__(self) -> str:
+        own = [one for one in structs.fields(self) if one.name not in Study.__struct_fields__]
+        given = [one.name for one in own if getattr(self, one.name) != default_of(one)]
+        title = f": {self.title}" if self.title else ""
+        return lines(f"{type(self).__name__} {self.name}{title}", f"given: {', '.join(given)}")
 
     def placed(self, name: str, folder: Path) -> None:
         """Set the name and the folder of the scene."""
@@ -462,12 +468,16 @@ class Study(Given):
 
         return tuple(self._gathered("array", of, names))
 
+    def unit(self, quantity: str) -> str:
+        """Unit of a quantity in the results of this study."""
+        return unit_of(quantity, self.units) if quantity else "1"
+
     def with_unit(
         self, name: str, value: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
     ) -> Scalar:
         """Scalar of a declared name, or a Scalar itself."""
         quantity = (self.scalars if declared is None else declared).get(name, ("",))[0]
-        return value if isinstance(value, Scalar) else Scalar(value, _unit(quantity, self))
+        return value if isinstance(value, Scalar) else Scalar(value, self.unit(quantity))
 
     def variable(
         self, name: str, values: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
@@ -476,7 +486,7 @@ class Study(Given):
         if isinstance(values, Variable):
             return values
         quantity, dims, what = (self.variables if declared is None else declared)[name]
-        return Variable(name, _unit(quantity, self), tuple(dims), values, what)
+        return Variable(name, self.unit(quantity), tuple(dims), values, what)
 
     def _checks(self, names: Names = ()) -> list[Check]:
         def of(member: Member[Any], found: Any) -> Iterator[Check]:
@@ -598,7 +608,7 @@ class _Amount:
 
     def __format__(self, form: str) -> str:
         text = format(self._value, form) if form else brief(self._value)
-        unit = _unit(self._quantity, self._study)
+        unit = self._study.unit(self._quantity)
         return text if unit == "1" else f"{text} {unit}"
 
 
@@ -614,10 +624,6 @@ class _Values(dict[str, Any]):
         member = self._study.members.get(name)
         quantity = member.quantity if member else quantity_of(type(self._study), name)
         return _Amount(self._study, name, getattr(self._study, name), quantity)
-
-
-def _unit(quantity: str, study: Study) -> str:
-    return unit_of(quantity, study.units) if quantity else "1"
 
 
 def _has(study: type[Study], path: str) -> bool:

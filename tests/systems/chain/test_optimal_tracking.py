@@ -275,11 +275,11 @@ PREDICTIVE = "{period=0.02,horizon=0.1,input_weight=1e-4,v_reg=0.1}"
         ("compare_tracking", ["draws.known=1000"], "draws.known"),
         ("compare_tracking", ["worm.friction={kind='viscous',drag=1.0}"], "worm.friction"),
         ("compare_tracking", ["crawl.length=[2.6,1.4]"], "crawl.length"),
-        ("compare_over", ["measurement.delay=1e-4"], "measurement.delay"),
-        ("compare_over", ["measurement.interval=1e-4"], "measurement.interval"),
+        ("compare_over", ["hardware.delay=1e-4"], "hardware.delay"),
+        ("compare_over", ["hardware.noise_interval=1e-4"], "hardware.noise_interval"),
         ("compare_over", ["draws.known=1"], "draws.known"),
-        ("compare_over", ["measurement.delay=0.1", f"tracker=[{LATE}]"], "measurement.delay"),
-        ("compare_over", [f"predictive={PREDICTIVE}"], "measurement"),
+        ("compare_over", ["hardware.delay=0.1", f"tracker=[{LATE}]"], "hardware.delay"),
+        ("compare_over", [f"predictive={PREDICTIVE}"], "hardware"),
     ],
 )
 def test_scenes_that_make_no_sense_are_refused(scene: str, change: list[str], key: str):
@@ -348,11 +348,11 @@ def test_drawn_plants_are_the_same_whatever_their_number():
     few = wo.load("compare_tracking", ["draws.members=3", "draws.known=0"])
     many = wo.load("compare_tracking")
     gait = fast_gait(1.0)
-    for a, b in zip(few.plants(gait), many.plants(gait), strict=False):
+    for a, b in zip(*(each.draws.of(each.plant(gait)) for each in (few, many)), strict=False):
         for name, values in a.items():
             np.testing.assert_array_equal(values, b[name])
             assert np.all(np.abs(values / np.mean(values) - 1) < 1)
-    factors = np.array([each["friction_backward"] for each in many.plants(gait)]) / 10
+    factors = np.array([each["friction_backward"] for each in many.draws.of(many.plant(gait))]) / 10
     assert 0.7 <= factors.min() < 0.72
     assert 1.28 < factors.max() <= 1.3
 
@@ -387,7 +387,7 @@ OVER = [
 @pytest.mark.slow
 def test_noise_of_nothing_is_no_noise_and_each_plant_has_its_own():
     none, little, much = (
-        wo.run(load_scene("compare_over", [*OVER, f"measurement.noise={noise}"]))
+        wo.run(load_scene("compare_over", [*OVER, f"hardware.noise={noise}"]))
         for noise in (0.0, 1e-9, 0.02)
     )
     for name in ("error_integral", "input_integral", "distance"):
@@ -404,7 +404,7 @@ def test_noise_of_nothing_is_no_noise_and_each_plant_has_its_own():
 @pytest.mark.slow
 def test_a_worm_that_late_feedback_loses_is_counted_and_others_are_told():
     """Beyond k delay / mass = pi/2 no gain is stable: (14) grows its own until it loses."""
-    late = [*OVER, "measurement={delay=0.06}", "tracker.0.feedback='filter'"]
+    late = [*OVER, "hardware={delay=0.06}", "tracker.0.feedback='filter'"]
     found = wo.run(load_scene("compare_over", late))
     assert found.attributes["rivals"] == ["tracker (14)", "LQR, feed-forward"]
     assert value(found, "draws_failed")[0] == [6, 0]

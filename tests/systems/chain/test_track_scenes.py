@@ -374,7 +374,7 @@ def test_a_load_can_only_slow_the_worm_down(tmp_path: Path):
 
 
 def test_a_model_of_ones_own_runs_with_its_parameters(tmp_path: Path):
-    path = write(tmp_path, MODEL.replace("[time]", "[parameters]\nrate = 2.0\n[time]"))
+    path = write(tmp_path, MODEL.replace("[time]", "[model.parameters]\nrate = 2.0\n[time]"))
     result = wo.run(path)
     assert value(result, "x_end") == pytest.approx(np.exp(-2.0), rel=1e-10)
     assert result["x"].dims == ("time",)

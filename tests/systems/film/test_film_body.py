@@ -304,3 +304,21 @@ def test_a_body_may_overtake_the_wave() -> None:
     result = wo.run(load_scene("body_in_film", change))
     assert result.scalars["drift"].value == pytest.approx(1.2252745, abs=1e-6)
     assert result.scalars["drift_massless"].value == pytest.approx(1.2252745, abs=1e-6)
+
+
+def test_a_float_that_swings_in_a_trough_has_the_speed_of_the_wave() -> None:
+    """By SciPy the trough never leaves it, although it passes back and forth."""
+    wave, mass, weight, end = CosineWave(0.5), 20.0, 50.0, 12 * math.pi
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        h, slope = 1 + 0.5 * math.cos(t - y[0]), -0.5 * math.sin(t - y[0])
+        return [y[1], ((1.5 * (1 + wave.constant / h) - y[1]) / h + weight * slope) / mass]
+
+    phases = np.linspace(0, end, 500)
+    phases -= solve_ivp(rates, (0, end), [math.pi, 0.0], t_eval=phases, rtol=1e-8).y[0]
+    assert np.all(np.abs(phases - phases.mean()) < math.pi)
+    assert np.sum(np.diff(np.sign(np.sin(phases))) != 0) > 6
+    change = ['body={on="surface",mass=20.0,weight=50.0,position=0.5}', "time.periods=6"]
+    result = wo.run(load_scene("body_in_film", change))
+    assert result.scalars["held"].value
+    assert result.scalars["drift"].value == 1.0

@@ -295,3 +295,19 @@ def test_the_packaged_map():
     assert (outcome[0] == 0).all()  # delta = 0.3: always the wave
     assert outcome[2, 0] == 1  # delta = 0.5, W = 0.01: the drop
     assert outcome[2, 2] == 0
+
+
+def test_a_film_of_large_tension_is_its_wave() -> None:
+    """Deviations decay at W / 5 or so: rates of change by round-off are then no error."""
+    change = ["film.tension=1e3", "time.periods=1"]
+    result = wo.run(load_scene("film_forward", change, branch=None))
+    assert result.status == "ok"
+    assert result.scalars["outcome"].value == "wave"
+    assert result.scalars["distance_to_wave"].value < 1e-10
+
+
+def test_a_film_on_its_way_is_not_said_to_miss_the_wave() -> None:
+    change = ["time.periods=3", "grid.most=64", "grid.points=32"]
+    warnings = wo.run(load_scene("film_forward", change, branch=None)).trust["warnings"]
+    assert any("still moves" in warning for warning in warnings)
+    assert not any("does not reach it" in warning for warning in warnings)

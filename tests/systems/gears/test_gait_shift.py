@@ -487,6 +487,48 @@ def test_a_hill_too_high_has_no_schedule():
     assert ideal_time(box(), hill(9.0), LIMITS, 0.0, 270.0) == math.inf
 
 
+def test_gears_that_glide_on_light_ground_are_named():
+    with pytest.raises(SolveError, match=r"gears glide: .*accordion below") as refused:
+        best_schedule(box(), even(0.0), LIMITS, 0.0, 5.0, 2)
+    assert "longer periods" in refused.value.suggestion
+
+
+def test_the_last_stroke_counts_until_the_goal():
+    """An accordion that has not yet reached its greatest speed: by closed form of the ramp."""
+    gear, goal = box().gears[2], 1e-6
+    found = walked(even(FLAT), goal, choose=kept)
+    stroke = gear.strokes[0]
+    lift = stroke.velocity[:, 1].mean() / 2
+    assert found.arrival == pytest.approx(math.sqrt(goal / lift), rel=1e-6)
+    needed = 5 * FLAT + stroke.velocity[:, 1].sum()  # and the drag of the last instant
+    needed += DRAG * stroke.velocity[:, 1].sum() * found.arrival
+    assert found.spike.max() == pytest.approx(needed / len(stroke.resting), rel=1e-6)
+
+
+def test_limits_that_mean_none_allow_every_transition_that_others_allow():
+    slow, fast = wave(4, 2), squeeze()
+    loose = replace(LIMITS, rate=1e9, acceleration=1e9)
+    load = (1.3, 1.5)
+    usual, free = (
+        shortest_transition(slow, fast, limits, load, arcs=8) for limits in (LIMITS, loose)
+    )
+    assert 0 < free.duration <= usual.duration * (1 + 1e-3)
+
+
+def test_a_far_start_takes_no_digits():
+    near, far = (
+        load_scene(
+            "gait_shift",
+            {
+                "way": {"start": start, "goal": start + 12.0},
+                "ground.place": [start + place for place in (0.0, 3.0, 6.0, 9.0)],
+            },
+        ).table
+        for start in (0.0, 2.0**20)
+    )
+    assert near.fixed[0].arrival == far.fixed[0].arrival
+
+
 # -- models --------------------------------------------------------------------------------------
 
 

@@ -133,6 +133,17 @@ def test_turn_in_place_turns_and_goes_nowhere():
     assert [x + turned[0], y + turned[1]] == pytest.approx(middle, abs=1e-12)
 
 
+@pytest.mark.parametrize(("grip", "short"), [(1e9, 0.5), (1e30, 0.5), (2.0, 1e-6)])
+def test_a_turn_in_place_about_a_pin_or_with_a_short_link(grip: float, short: float):
+    """By the closed form: the short link swings twice, and each of four ends moves by the rest."""
+    rate, ends = {"joint": 1.0, "link": 1.0}, {"straight": 0.2, "bent": 1.2}
+    worm = {"end_friction": 1.0, "middle_friction": grip, "short": short, "long": 1.0, **ends}
+    result = wo.run({"schema": 1, "kind": "planar-turn", "worm": worm, "rate": rate})
+    assert result.status == "ok"
+    assert result.scalars["turn"].value == pytest.approx(-1.0, abs=1e-10)
+    assert result.scalars["work"].value == pytest.approx(2 * short + 4 * (1 - short), abs=1e-10)
+
+
 @settings(max_examples=examples(20))
 @given(st.floats(0.2, 0.98), st.floats(0.5, 2.5), st.floats(-2.8, 2.8))
 @example(0.5, 1.0, 7e-189)

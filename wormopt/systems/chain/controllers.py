@@ -14,9 +14,11 @@ from wormopt.errors import Fault, SolveError
 from wormopt.result import Check
 from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.numerics import TimeSpan, ToleranceTable
-from wormopt.study.types import Pair, Seed, Title, wrong_order
+from wormopt.study.types import Pair, Title, wrong_order
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
+from wormopt.systems.chain.hardware import Hardware
 from wormopt.systems.chain.predictive import DrawnPlants
-from wormopt.systems.chain.tables import Aim, CrawlLimits, DifferenceTracker, Tracker, Tube
+from wormopt.systems.chain.tables import Tube
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.spiked import Shape
 
@@ -24,9 +26,9 @@ with on_use():
     import casadi as ca
     import numpy as np
 
+    from wormopt.control.hardware import NOISE
     from wormopt.control.loop import Reference, gait_reference
     from wormopt.control.lqr import lqr
-    from wormopt.control.sensing import NOISE, Sensors, band_limited, through_sensors
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model, Switch, pack
     from wormopt.numerics.collocation import Collocation
@@ -61,10 +63,9 @@ with on_use():
 _SHORT = 1e-6
 # Of motions of drawn plants.
 _SAMPLES = 501
-# With poor measurements: error in tube radii, and number of steps, beyond which a plant is lost.
+# By hardware that is not ideal: error in tube radii, and number of steps, beyond which a plant is
+# lost.
 _LOST, _PATIENCE = 10.0, 100_000
-# A stretch takes milliseconds.
-_MOST_STRETCHES = 1e4
 # Cubics per arc for a link length in the crawl's exact motion, whose arcs are long.
 _PARTS = 6
 
@@ -182,56 +183,11 @@ class Crawl(Given):
 
     def optimum(self, plant: Model) -> Optimum:
         """Find the crawl with relaxed contact; SolveError if there is none."""
-        limits = CrawlLimits(period=self.period, force=self.force, length=self.length)
+        limits = CrawlLimits(period=self.period, actuator_force=self.force, length=self.length)
         problem = crawl_problem(plant, limits, Aim(maximise="speed", effort=self.input_weight))
         mesh = Mesh.even(1, self.arcs, Collocation(2, "radau"))
         relaxed = Complementarity(residual=1e-3, first=1.0)
         return optimise(problem, mesh, relaxed, sine_guess(plant, self.period, self.force))
-
-
-class Measurement(Given):
-    """Measured link lengths, with noise and delay.
-
-    The noise is normal at its samples and interpolated by cubics, so it has hardly any content
-    above the frequency 1/(2 `interval`). Every plant has its own noise. Measured rates are the
-    derivatives of the measured lengths. The table has no effect on controllers without feedback.
-    """
-
-    noise: float = number(
-        "length", "standard deviation of the samples of each link", least=0, default=0.0
-    )
-    interval: float = positive("time", "time between samples of the noise", default=0.02)
-    delay: float = number("time", "delay of the measurement", least=0, default=0.0)
-    seed: Seed = entry("seed of the noise", default=0)
-
-    def faults_in(self, end: float, trackers: Sequence[Tracker]) -> Iterator[Fault]:
-        """Yield what is invalid for motions from 0 to `end` with these trackers."""
-        for name in ("interval", "delay"):
-            length = getattr(self, name)
-            if length and end / length > _MOST_STRETCHES:
-                least = end / _MOST_STRETCHES
-                cut = f"cuts the time into {end / length:.2g} stretches"
-                yield f"measurement.{name}", f"{cut}; write {least:g} or more"
-        if self.delay and any(isinstance(t, DifferenceTracker) for t in trackers):
-            message = (
-                'does not apply to feedback = "difference", which has a delay of its own; write 0'
-            )
-            yield "measurement.delay", message
-
-    @property
-    def exact(self) -> bool:
-        """Whether measurements have neither noise nor delay."""
-        return not (self.noise or self.delay)
-
-    def noise_of(self, plant: int, end: float, links: int) -> Gait:
-        """Noise over time of the nominal plant, number 0, or of a drawn plant, from 1 on."""
-        return band_limited(self.noise, self.interval, end, links, (self.seed, plant))
-
-    def feeding(self, plant: Model, loop: Model, end: float) -> Model:
-        """Closed loop of a plant whose controller has these measurements."""
-        links = plant["length"].numel()
-        noise = self.noise_of(0, end, links) if self.noise else None
-        return through_sensors(plant, loop, Sensors(noise, self.delay))
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,6 +276,7 @@ class Judged:
     second: CrossCheck | None  # its second route
     numbers: dict[str, Any]  # of `motion`
     drawn: Drawn
+    free: bool  # whether nothing hinders the controller
 
     @property
     def name(self) -> str:
@@ -339,13 +296,19 @@ class Judged:
     def checks(self, tolerance: Tolerance, label: str) -> Iterator[Check]:
         """Second route, energy and funnels of the nominal motion; names begin with `label`."""
         yield from chain_checks(self.second, self.energy, tolerance, label)
+        if self.free:
+            yield from self._funnels(label)
+
+    def _funnels(self, label: str) -> Iterator[Check]:
         if self.motion is not None:
             yield from funnel_checks(self.controller.model, self.motion, f"{label}: ")
 
     def warnings(self, label: str) -> Iterator[str]:
-        """Warn of lost and failed plants."""
+        """Warn of lost and failed plants, and of hardware for which a funnel is too narrow."""
         if self.motion is None:
             yield f"{label}: the error of the nominal plant exceeds its limit; it counts as lost"
+        if not self.free:
+            yield from (each.advice for each in self._funnels(label) if not each.passed)
         if self.drawn.failed:
             yield (
                 f"{label}: the simulation of {self.drawn.failed} plants failed; they are counted, "
@@ -360,18 +323,18 @@ class Trial:
     tube: Tube
     time: TimeSpan
     tolerance: ToleranceTable
-    measurement: Measurement | None  # None: exact
+    hardware: Hardware
     draws: Sequence[Draw]
 
     def judge(self, controller: Controller, *, again: bool) -> Judged:
         """Simulate a controller on all plants; `again` asks for a second route where affordable.
 
-        With poor measurements a motion ends when its error is far outside the tube, and its plant
-        is lost. Raises SolveError if the nominal motion fails although measurements are exact.
+        With hardware that is not ideal a motion ends when its error is far outside the tube, and
+        its plant is lost. Raises SolveError if the nominal motion fails although it is ideal.
         """
         plain, tolerance = controller.model, self.tolerance.options
         model = judged(plain, self.tube)
-        if self.measurement:
+        if not self.hardware.ideal:
             far = ca.dot(model["error"], model["error"]) - (_LOST * self.tube.radius) ** 2
             lost = Switch("is lost", far, pack(model.x), terminal=True)
             model = replace(model, switches=[*model.switches, lost])
@@ -381,7 +344,8 @@ class Trial:
         recheck = again and self.tolerance.recheck
         second = motion and cross_check(model, motion, tolerance, recheck=recheck, report=silent)
         numbers = dict.fromkeys(JUDGED) if motion is None else judged_numbers(motion, self.tube)
-        return Judged(controller, motion, second, numbers, self._drawn(controller, model))
+        free, drawn = self.hardware == Hardware(), self._drawn(controller, model)
+        return Judged(controller, motion, second, numbers, drawn, free)
 
     def _nominal(self, model: Model, tolerance: Tolerance) -> Trajectory | None:
         """Motion of the nominal plant; None if it is lost."""
@@ -389,14 +353,14 @@ class Trial:
         try:
             motion = simulate_whole(model, end, samples, Exact(), tolerance, silent)
         except SolveError:
-            if not self.measurement:
+            if self.hardware.ideal:
                 raise
             return None
         return motion if motion.end_time == end else None
 
     def _drawn(self, controller: Controller, model: Model) -> Drawn:
         members, end, tolerance = dict(self.scenarios(controller)), self.time.end, loose_tolerance()
-        if self.measurement:
+        if not self.hardware.ideal:
             tolerance = replace(tolerance, max_steps=_PATIENCE)
         times = np.linspace(0.0, end, _SAMPLES)
         ensemble = simulate_ensemble(
@@ -410,8 +374,8 @@ class Trial:
 
     def scenarios(self, controller: Controller) -> Iterator[tuple[int, Scenario]]:
         """Yield plants by number, each with its own noise, or with the inputs decided for it."""
-        model, sensors = controller.model, self.measurement
-        noisy = sensors and any(schedule.name == NOISE for schedule in model.schedules)
+        model, hardware = controller.model, self.hardware
+        noisy = any(schedule.name == NOISE for schedule in model.schedules)
         links = model["length"].numel()
 
         def values(of: Gait, name: str) -> dict[str, np.ndarray]:
@@ -419,8 +383,8 @@ class Trial:
             return {name: own.values}
 
         for k, draw in enumerate(self.draws):
-            if sensors and noisy:
-                noise = sensors.noise_of(k + 1, self.time.end, links)
+            if noisy:
+                noise = hardware.noise_of(k + 1, self.time.end, links)
                 yield k, Scenario(p=draw, schedules=values(noise, NOISE))
             elif controller.others is None:
                 yield k, Scenario(p=draw)

@@ -114,30 +114,50 @@ def numbers_of(model: Model) -> dict[str, np.ndarray]:
     return {s.name: np.array(s.value, dtype=float) for s in model.p}
 
 
+VARIED = ("mass", "stiffness", "damping", "friction_forward", "friction_backward")
+"""Parameters of a chain that are drawn."""
+
+
 def draw_factors(
-    own: Mapping[str, np.ndarray], spread: float, random: np.random.Generator
+    own: Mapping[str, np.ndarray],
+    spread: float | Mapping[str, float],
+    random: np.random.Generator,
 ) -> dict[str, np.ndarray]:
-    """Factors for the parameters of another worm, uniform within ± `spread` of 1."""
+    """Factors for the parameters of another worm, uniform within ± `spread` of 1.
+
+    A number is for the parameters of a chain.
+    """
+    shares = spread if isinstance(spread, Mapping) else dict.fromkeys(VARIED, spread)
     return {
-        name: random.uniform(1 - spread, 1 + spread, own[name].shape)
-        for name in ("mass", "stiffness", "damping", "friction_forward", "friction_backward")
+        name: random.uniform(1 - share, 1 + share, own[name].shape)
+        for name, share in shares.items()
         if name in own
     }
 
 
-def drawn_plants(plant: Model, spread: float, seed: int, members: int) -> list[Draw]:
+def drawn_plants(
+    plant: Model, spread: float | Mapping[str, float], seed: int, members: int
+) -> list[Draw]:
     """Drawn parameters of plants, one draw per member.
 
     A draw does not depend on the number of members. Stiction varies with the sliding force of its
-    direction.
+    direction. Raises ArgumentError if the plant lacks a parameter of `spread`, or its value.
     """
     own, found = numbers_of(plant), []
+    for name in spread if isinstance(spread, Mapping) else ():
+        if name not in own:
+            raise ArgumentError(
+                f"{plant.name} has no parameter {name!r} to draw; its parameters are "
+                f"{', '.join(own) or 'none'}"
+            )
+        if not np.all(np.isfinite(own[name])):
+            raise ArgumentError(f"the parameter {name} of {plant.name} has no value to draw around")
     for member in range(members):
         factors = draw_factors(own, spread, np.random.default_rng([seed, member]))
         factors |= {
             f"friction_stick_{side}": factors[f"friction_{side}"]
             for side in ("forward", "backward")
-            if f"friction_stick_{side}" in own
+            if f"friction_stick_{side}" in own and f"friction_{side}" in factors
         }
         found.append({name: own[name] * factor for name, factor in factors.items()})
     return found

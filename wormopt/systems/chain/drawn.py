@@ -119,18 +119,24 @@ def text_of(value: float | None) -> str:
 
 def nominal_table(row: Mapping[str, Mapping[str, float | None]]) -> Iterator[str]:
     """Quantities of each controller on the nominal plant."""
+    known = [
+        key
+        for key in _COLUMNS
+        if key == "capture_time" or any(numbers[key] is not None for numbers in row.values())
+    ]
     yield from markdown_table(
-        ["", *_COLUMNS.values()],
-        ([name, *(text_of(numbers[key]) for key in _COLUMNS)] for name, numbers in row.items()),
+        ["", *(_COLUMNS[key] for key in known)],
+        ([name, *(text_of(numbers[key]) for key in known)] for name, numbers in row.items()),
     )
 
 
 def drawn_table(plants: Mapping[str, Drawn]) -> Iterator[str]:
     """Medians and quantiles of each controller over the drawn plants."""
+    shown = _known(plants, _BANDS)
     yield from markdown_table(
-        ["", "leave the tube", "failed", *(_ALL[name] for name in _BANDS)],
+        ["", "leave the tube", "failed", *(_ALL[name] for name in shown)],
         (
-            [name, str(each.outside), str(each.failed), *map(each.band, _BANDS)]
+            [name, str(each.outside), str(each.failed), *map(each.band, shown)]
             for name, each in plants.items()
         ),
     )
@@ -138,9 +144,14 @@ def drawn_table(plants: Mapping[str, Drawn]) -> Iterator[str]:
     yield "Median over the plants, with the 5 % and 95 % quantiles in brackets."
 
 
+def _known(plants: Mapping[str, Drawn], names: Sequence[str]) -> list[str]:
+    """Quantities that a plant has: one of the user's own has no distance, say."""
+    return [n for n in names if any(np.isfinite(p.values[n]).any() for p in plants.values())]
+
+
 def interval_table(plants: Mapping[str, Drawn], ranked: Sequence[str]) -> Iterator[str]:
     """Intervals of shares and of medians of `ranked`, and comparisons with the first controller."""
-    first = next(iter(plants))
+    first, ranked = next(iter(plants)), _known(plants, ranked)
     compared = ("error_integral", "input_integral")
 
     def row(name: str, each: Drawn) -> Iterator[str]:

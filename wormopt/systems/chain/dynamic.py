@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,7 +17,8 @@ from wormopt.ocp.motion import Guess
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.chain.tables import Aim, CrawlLimits
+from wormopt.study.types import per
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 
 PERIODS = 6
 """Simulated periods, of which the last is the first guess."""
@@ -33,10 +35,15 @@ def crawl_problem(
     mean or the worst speed counts. The tail starts at 0; bounds have the names of scene keys.
     Raises ArgumentError if energy is the cost and the plant has no ``mass``.
     """
-    plant = replace(plant, u=[replace(u, lower=-limits.force, upper=limits.force) for u in plant.u])
+    force = max(per(limits.actuator_force, 1))
+    plant = replace(plant, u=[replace(u, lower=-force, upper=force) for u in plant.u])
     length, speed = plant.x[0].nominal, plant.x[1].nominal
     costs = aim.minimise is not None
-    ends = Ends.of(plant, 1)
+    effort, work = _effort(plant), _work(plant)
+    needed = [work] if costs else [effort]
+    if limits.energy_per_cycle is not None and not costs:
+        needed.append(work)
+    ends = Ends.of(plant, len(needed))
     places = _rows_of_positions(plant)
     advances = [ends.end[rows[0]] - ends.start[rows[0]] for rows in places]
     speeds = ca.vertcat(*advances) / ends.duration
@@ -45,12 +52,6 @@ def crawl_problem(
     ]
     if aim.speed is not None:
         at_ends.append(Constraint("objective.speed", speeds, aim.speed, nominal=speed))
-    along = []
-    if limits.length is not None:
-        lengths = ca.vertcat(*_outputs(plant, "length"))
-        least, most = limits.length
-        along.append(Constraint("limits.length", lengths, least, most, nominal=most))
-    cost = _transport(plant, speeds) if costs else _effort(plant)
     design: list[Signal] = []
     merit = ca.sum1(speeds) / speeds.numel()
     if judge == "worst" and speeds.numel() > 1:
@@ -59,8 +60,15 @@ def crawl_problem(
         at_ends.append(Constraint("worst speed", speeds - worst.symbol, 0.0, nominal=speed))
         merit = worst.symbol
     # Integrals are variables of the program, so they are scaled to the size of 1.
-    size = cost.nominal * length / speed
-    mean = ends.integrals[0] * size / ends.duration
+    sizes = [each.nominal * length / speed for each in needed]
+    totals = [ends.integrals[k] * size for k, size in enumerate(sizes)]
+    if limits.energy_per_cycle is not None:
+        most = limits.energy_per_cycle
+        spent = totals[-1] / speeds.numel()
+        at_ends.append(Constraint("limits.energy_per_cycle", spent, upper=most, nominal=most))
+    mean = totals[0] / ends.duration
+    if costs:
+        mean = mean / _mass(plant) / speeds.numel()
     minimise = (
         mean / ca.fmax(merit, (aim.speed or 0.0) / 2) if costs else -merit + aim.effort * mean
     )
@@ -71,13 +79,44 @@ def crawl_problem(
         duration=limits.period_range,
         periodic=[s.name for s in plant.x if s.name.startswith("velocity")],
         displaced=[s.name for s in plant.x if s.name.startswith("position")],
-        integrands=cost.integrand / size,
-        path_constraints=[*along, *cost.along],
+        integrands=ca.vertcat(*(n.integrand / z for n, z in zip(needed, sizes, strict=True))),
+        path_constraints=[*_along(plant, limits), *(b for each in needed for b in each.along)],
         boundary_constraints=at_ends,
-        slacks=cost.slacks,
+        slacks=[s for each in needed for s in each.slacks],
         design=design,
-        nominal=cost.nominal / speed if costs else speed,
+        nominal=speed**2 / length if costs else speed,
     )
+
+
+def _along(plant: Model, limits: CrawlLimits) -> Iterator[Constraint]:
+    """Limits at all times, named as the keys of scenes."""
+    worms = len(_rows_of_positions(plant))
+    links = sum(u.size for u in plant.u)
+    rate = ca.vertcat(*_outputs(plant, "rate"))
+    x = ca.vertcat(*(s.symbol for s in plant.x))
+
+    def tiled(given: float | tuple[float, ...]) -> np.ndarray:
+        return np.tile(per(given, links), worms)
+
+    def within(key: str, expression: ca.SX, most: np.ndarray) -> Constraint:
+        return Constraint(f"limits.{key}", expression, -most, most, float(most.max()))
+
+    if isinstance(limits.actuator_force, tuple):
+        u = ca.vertcat(*(s.symbol for s in plant.u))
+        yield within("actuator_force", u, np.array(per(limits.actuator_force, links)))
+    if (ranges := limits.length_ranges(links)) is not None:
+        low, high = np.tile(np.array(ranges).T, worms)
+        lengths = ca.vertcat(*_outputs(plant, "length"))
+        yield Constraint("limits.length", lengths, low, high, float(high.max()))
+    if limits.rate is not None:
+        yield within("rate", rate, tiled(limits.rate))
+    if limits.acceleration is not None:
+        second = ca.jtimes(rate, x, plant.ode)
+        yield within("acceleration", second, tiled(limits.acceleration))
+    if limits.actuator_power is not None:
+        most, power = tiled(limits.actuator_power), ca.vertcat(*_outputs(plant, "power"))
+        size = float(most.max())
+        yield Constraint("limits.actuator_power", power, upper=most, nominal=size)
 
 
 def sine_guess(
@@ -103,7 +142,9 @@ def sine_guess(
     driven = drive(plant, sines, periodic=True)
     motion = simulate(driven, PERIODS * period, tolerance=loose, dense=True)
     if motion.dense is None:
-        raise SolveError("the first guess cannot be simulated", "write a smaller limits.force")
+        raise SolveError(
+            "the first guess cannot be simulated", "write a smaller limits.actuator_force"
+        )
     dense, first, masses = motion.dense, (PERIODS - 1) * period, links + 1
 
     def states(t: np.ndarray) -> np.ndarray:
@@ -128,22 +169,23 @@ def _effort(plant: Model) -> _Cost:
     return _Cost(ca.sumsqr(ca.vertcat(*(u.symbol for u in plant.u))), plant.u[0].nominal ** 2)
 
 
-def _transport(plant: Model, speeds: ca.SX) -> _Cost:
-    """Positive power of the actuators over the mass, by slacks above 0 and above the power."""
+def _work(plant: Model) -> _Cost:
+    """Positive power of the actuators, by slacks above 0 and above the power."""
     power = ca.vertcat(*_outputs(plant, "power"))
-    length, speed = plant.x[0].nominal, plant.x[1].nominal
-    size = plant.u[0].nominal * speed
+    size = plant.u[0].nominal * plant.x[1].nominal
     spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", size, lower=0.0)
     bounds = (Constraint("power", spent.symbol - power, 0.0, nominal=size),)
+    return _Cost(ca.sum1(spent.symbol), size, bounds, (spent,))
+
+
+def _mass(plant: Model) -> ca.SX:
     masses = [s.symbol for s in plant.p if s.name == "mass"]
     if not masses:
         raise ArgumentError(
             f"energy over mass and distance needs the parameter mass, which {plant.name} does not "
             "have"
         )
-    mass = ca.sum1(ca.vertcat(*masses))
-    rate = ca.sum1(spent.symbol) / mass / speeds.numel()
-    return _Cost(rate, speed**3 / length, bounds, (spent,))
+    return ca.sum1(ca.vertcat(*masses))
 
 
 def _rows_of_positions(plant: Model) -> list[list[int]]:

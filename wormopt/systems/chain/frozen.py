@@ -12,9 +12,12 @@ import numpy as np
 from wormopt.analysis.linearise import linearise
 from wormopt.control.frozen import Plant, Task
 from wormopt.control.loop import Reference
+from wormopt.errors import ArgumentError
+from wormopt.model.explicit import Explicit
 from wormopt.model.friction import Law, Viscous
 from wormopt.model.gait import Gait
-from wormopt.model.model import Model, Signal
+from wormopt.model.model import Model, Signal, pack
+from wormopt.model.values import signal_values
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
@@ -27,6 +30,7 @@ _SAMPLES = 4096  # of the reference, in a period
 _JUDGED = 2001  # samples of the last period of a simulation
 _WIDE = 2.0**40  # a tube that no error leaves; its square is exact, so that the gain stays
 _WIDER, _HALVINGS = 1.5, 10  # of the search for the least gain
+_RESTS = 1e-9  # relative rates of a state of rest
 _DECAYED = 28.0  # time constants after which a start is forgotten
 
 
@@ -58,16 +62,69 @@ def task_of(plant: Model, laws: Sequence[Law], gait: Gait, shift: float, rest: n
     intervals = np.array([_interval(law) for law in laws] or np.zeros((links + 1, 2)))
     low, high = intervals.T
     bounded = np.isfinite(intervals).all()
-    times = gait.period * np.arange(_SAMPLES) / _SAMPLES + shift
     load = np.asarray(next(s.value for s in plant.p if s.name == "load"), dtype=float)
     return Task(
         Plant.of(linearise(pushed, output="length"), links),
         gait.period,
-        gait(np.mod(times, gait.period)) - rest[:, None],
+        _over_period(gait, shift) - rest[:, None],
         -np.broadcast_to(load, links + 1),
         (low + high) / 2 if bounded else np.zeros(links + 1),
         (high - low) / 2 if bounded else np.full(links + 1, np.inf),
     )
+
+
+def task_of_own(plant: Model, laws: Sequence[Law], gait: Gait, shift: float) -> Task:
+    """Reference and disturbance of the linear loops of a plant of the user's own.
+
+    Its lengths count from those at rest without input and dry friction. Raises ArgumentError if it
+    is not linear, or never rests.
+    """
+    free = without_dry_friction(plant, laws)
+    x, y = pack(free.x), free["length"]
+    if not ca.is_linear(ca.vertcat(free.ode, y), ca.vertcat(x, pack(free.u))):
+        raise ArgumentError(
+            f"{plant.name} is not linear, as linear theory needs; analyse it by wo.linearise at an "
+            "operating point"
+        )
+    linear = linearise(free, output="length")
+    at_zero = linearised_at_zero(free)
+    rates, lengths = at_zero[: free.n_x], at_zero[free.n_x :]
+    rest = np.linalg.lstsq(linear.A, -rates, rcond=None)[0]
+    if np.abs(linear.A @ rest + rates).max() > _RESTS * max(np.abs(rates).max(), 1e-300):
+        raise ArgumentError(
+            f"{plant.name} has no state of rest without input, as linear theory needs"
+        )
+    intervals = np.array([_interval(law) for law in laws if not isinstance(law, Viscous)])
+    low, high = intervals.reshape(-1, 2).T
+    bounded = np.isfinite(intervals).all()
+    return Task(
+        Plant.of(linear, len(lengths)),
+        gait.period,
+        _over_period(gait, shift) - (linear.C @ rest + lengths)[:, None],
+        np.zeros(len(low)),
+        (low + high) / 2 if bounded else np.zeros(len(low)),
+        (high - low) / 2 if bounded else np.full(len(low), np.inf),
+    )
+
+
+def linearised_at_zero(model: Model) -> np.ndarray:
+    """Rates of the states, and lengths, of a linear model at states and inputs of 0."""
+    explicit = Explicit(model, "length")
+    found = explicit.function("zero", explicit.rates, explicit.observed)(
+        0.0,
+        np.zeros(model.n_x),
+        np.zeros(sum(u.size for u in model.u)),
+        signal_values(model.p, None, "parameter"),
+        1.0,
+        explicit.scheduled(0.0),
+    )
+    return np.concatenate([part.full().ravel() for part in found])
+
+
+def _over_period(gait: Gait, shift: float) -> np.ndarray:
+    """Lengths at the samples of a period, (links, samples)."""
+    times = gait.period * np.arange(_SAMPLES) / _SAMPLES + shift
+    return gait(np.mod(times, gait.period))
 
 
 def _interval(law: Law) -> tuple[float, float]:
@@ -87,7 +144,7 @@ class Frozen:
 
     @classmethod
     def of(
-        cls, plant: Model, reference: Reference, tracker: LambdaTracker, worm: ChainTable,
+        cls, plant: Model, reference: Reference, tracker: LambdaTracker, worm: ChainTable | None,
         period: float,
     ) -> Frozen:  # fmt: skip
         """Close the loop with a tracker whose tube no error leaves, so its gain is constant."""

@@ -9,11 +9,10 @@ from typing import Any, ClassVar, Literal
 
 from msgspec import field
 
-from wormopt.errors import Fault, Interrupted, SceneError, SolveError
+from wormopt.errors import ArgumentError, Fault, Interrupted, SceneError, SolveError
 from wormopt.result import NOT_RECHECKED, Check
 from wormopt.study import (
     Given,
-    Study,
     checks,
     entry,
     facts,
@@ -31,13 +30,12 @@ from wormopt.study.given import wrong_count
 from wormopt.study.numerics import (
     Contacts,
     ExactContact,
-    Horizon,
-    Start,
     Tolerances,
     ToleranceTable,
 )
 from wormopt.study.types import FinitePerMass, per
-from wormopt.systems.chain.tables import ChainTable, DerivativeTracker, FilterTracker, Reference
+from wormopt.systems.chain.tables import ChainTable, DerivativeTracker, FilterTracker
+from wormopt.systems.chain.tracking import Tracking
 
 with on_use():
     import casadi as ca
@@ -47,16 +45,19 @@ with on_use():
     from wormopt.analysis.linearise import LinearModel, linearise
     from wormopt.analysis.normal_form import normal_form
     from wormopt.control.frozen import Complex, FrozenLoop, Margins, Task, least_gain, static_gains
-    from wormopt.control.loop import gait_reference
-    from wormopt.model.friction import Law
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.simulation.options import Exact
-    from wormopt.systems.chain.frozen import Frozen, bisect, settled, task_of, without_dry_friction
-    from wormopt.systems.chain.loops import chain_for, close_loop, draw_links, laws_of
+    from wormopt.systems.chain.frozen import (
+        Frozen,
+        bisect,
+        settled,
+        task_of,
+        task_of_own,
+        without_dry_friction,
+    )
     from wormopt.systems.chain.tracked import Tracked, follow
     from wormopt.systems.shared.proof import CrossCheck, warnings_of_contact
-    from wormopt.systems.spiked import gait_of_shape
 
 MOST_LINKS = 12
 """Margins need the eigenvalues of large matrices many times."""
@@ -175,13 +176,16 @@ class Tried:
     )
 
 
-class Linear(Study, kind="linear"):
+class Linear(Tracking, kind="linear"):
     """Analyse a chain with a tracker: poles, zeros, margins, sufficient gains.
 
     Poles, zeros and the frequency response belong to the chain at `point`. Margins and errors
     belong to the loop with constant gain, where dry friction is an external force. Three scalars
     give the gain that suffices for the tube: `gain_linear`, `gain_sure` and `gain_simulated`.
     `gain_learned` is the gain that the tracker reaches in a simulation.
+
+    `[model]` is a plant of your own in place of the chain, linear but for its contacts. It is
+    linearised at its start, and lengths count from those at rest without input.
 
     Not allowed: `worm.random`; a tracker with feed-forward; links without stiffness; more than 12
     links; a motion shorter than two periods of the reference.
@@ -210,77 +214,66 @@ class Linear(Study, kind="linear"):
         "gains and the learned gain",
         default=(),
     )
-    worm: ChainTable = entry("the chain, without `random`")
-    start: Start = entry("initial state", default=Start)
-    reference: Reference = entry("reference of the links")
     tracker: FilterTracker | DerivativeTracker = entry("the tracker; `feedback` selects its kind")
     point: Point = entry("operating point of the linearisation", default=Point)
     gains: Gains = entry("gains of the frozen loop", default=Gains)
     contact: Contacts = field(default_factory=ExactContact)
-    time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows."""
-        links = self.worm.links
-        yield from self.worm.faults(self.time.end, self.units)
-        yield from self.start.faults(links)
-        yield from self.reference.gait.faults(links, self.folder, "reference.gait")
-        yield from self.tracker.faults("tracker", links)
-        yield from wrong_count("point.velocity", self.point.velocity, links + 1, "masses")
-        if links > MOST_LINKS:
-            yield (
-                "worm.links",
-                f"is above {MOST_LINKS}, the largest number that is analysed; write less",
-            )
-        if self.worm.random is not None:
-            yield (
-                "worm.random",
-                "is not allowed, since linear theory describes a single chain; leave the table out",
-            )
+        yield from super().faults_of_keys()
         if self.tracker.feedforward is not None:
             yield (
                 "tracker.feedforward",
                 "is not allowed, since the frozen loop has no feed-forward; leave the table out",
             )
-        stiffness = self.worm.stiffness
-        if min(stiffness if isinstance(stiffness, tuple) else (stiffness,)) <= 0:
+        if self.model is not None and self.point.velocity != 0.0:
+            yield "point.velocity", "applies to [worm] only; write value= of states of your Model"
+
+    def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
+        """Yield what is not supported of a chain."""
+        yield from wrong_count("point.velocity", self.point.velocity, worm.links + 1, "masses")
+        if worm.random is not None:
+            yield (
+                "worm.random",
+                "is not allowed, since linear theory describes a single chain; leave the table out",
+            )
+        if min(per(worm.stiffness, 1)) <= 0:
             yield (
                 "worm.stiffness",
                 "is 0, and a link without stiffness has no rest length; write positive numbers",
             )
 
-    # -- the worm and its loops --------------------------------------------------------------------
+    def faults_of_sizes(self, links: int) -> Iterator[Fault]:
+        """Yield what does not fit the number of links."""
+        yield from super().faults_of_sizes(links)
+        yield from self.tracker.faults("tracker", links)
+        if links > MOST_LINKS:
+            key, what = ("worm.links", "is") if self.worm else ("model.output", "has entries")
+            yield key, f"{what} above {MOST_LINKS}, the largest number that is analysed; write less"
+
+    # -- the plant and its loops -------------------------------------------------------------------
 
     @cached_property
     def gait(self) -> Gait:
         """The gait that the links follow; SceneError if the motion is too short for it."""
-        gait = gait_of_shape(self.reference.gait, self.scene, "reference.gait")
+        gait = self.gait_of(self.reference.gait, "reference.gait")
         if self.time.end < 2 * gait.period:
             fault = f"is less than two periods of the reference, {2 * gait.period:g}; write more"
             raise SceneError(self.name, [("time.end", fault)])
         return gait
 
     @cached_property
-    def plant(self) -> Model:
-        """The chain."""
-        links = draw_links(self.worm, self.time.end)
-        return chain_for(self.worm, self.start, links, self.gait)
-
-    @cached_property
-    def laws(self) -> list[Law]:
-        """Friction law of every mass."""
-        return laws_of(self.worm)
-
-    @cached_property
     def task(self) -> Task:
         """Reference and disturbance of the linear loops."""
-        rest = np.array(per(self.worm.rest_length, self.worm.links))
-        return task_of(self.plant, self.laws, self.gait, self._shift, rest)
-
-    @property
-    def _shift(self) -> float:
-        return self.reference.shift % self.gait.period
+        if self.worm is not None:
+            rest = np.array(per(self.worm.rest_length, self.links))
+            return task_of(self.plant, self.laws, self.gait, self.shift, rest)
+        try:
+            return task_of_own(self.plant, self.laws, self.gait, self.shift)
+        except ArgumentError as error:
+            raise SceneError(self.name, [("model.file", str(error))]) from None
 
     def loop(self, gain: float) -> FrozenLoop:
         """The linear loop with a constant gain."""
@@ -289,8 +282,7 @@ class Linear(Study, kind="linear"):
 
     def frozen(self, plant: Model) -> Frozen:
         """The loop with a constant gain around a chain, to be simulated."""
-        reference = gait_reference(self.gait, plant.t, shift=self._shift)
-        return Frozen.of(plant, reference, self.tracker, self.worm, self.gait.period)
+        return Frozen.of(plant, self.target(plant), self.tracker, self.worm, self.gait.period)
 
     @cached_property
     def loops(self) -> list[FrozenLoop]:
@@ -301,7 +293,7 @@ class Linear(Study, kind="linear"):
     @cached_property
     def point_model(self) -> LinearModel:
         """The chain linearised at the operating point."""
-        velocity = {"velocity": np.array(self.point.velocity)}
+        velocity = {"velocity": np.array(self.point.velocity)} if self.worm else None
         return linearise(self.plant, output="length", x=velocity, v_reg=self.point.v_reg)
 
     # -- the adaptive motion -----------------------------------------------------------------------
@@ -309,8 +301,7 @@ class Linear(Study, kind="linear"):
     @stage
     def motion(self) -> Tracked:
         """Motion with the tracker."""
-        reference = gait_reference(self.gait, self.plant.t, shift=self._shift)
-        loop = close_loop(self.plant, reference, self.tracker, self.worm)
+        loop = self.closed(self.plant, self.target(self.plant), self.tracker, "tracker")
         span = self.time.end, self.time.samples
         how = self.contact.options, self.tolerance.options, self.report
         try:
@@ -351,9 +342,14 @@ class Linear(Study, kind="linear"):
         phase = np.unwrap(np.angle(found), axis=-1)
         return Response(omega, np.abs(found), phase, zeros.real, zeros.imag, poles.real, poles.imag)
 
-    @scalar("rate", "zero of the chain at `point`: minus the slope of all friction over the mass")
-    def common_zero(self) -> float:
-        return float(_apart(self.point_model.zeros, self.point_model.shifts).real.max())
+    @scalar(
+        "rate",
+        "zero of the plant at `point` that is largest: of a chain minus the slope of all friction "
+        "over the mass; unknown if there is none",
+    )
+    def common_zero(self) -> float | None:
+        zeros = _apart(self.point_model.zeros, self.point_model.shifts)
+        return float(zeros.real.max()) if zeros.size else None
 
     @scalar("count", "1 if the chain at `point` is minimum phase, otherwise 0")
     def minimum_phase(self) -> int:
@@ -361,13 +357,13 @@ class Linear(Study, kind="linear"):
 
     @scalar(
         "count",
-        "least eigenvalue of the symmetric part of the high-frequency gain, times the mean "
-        "mass; if it is positive, a high-gain tracker has the right sign",
+        "least eigenvalue of the symmetric part of the high-frequency gain, of a chain times the "
+        "mean mass; if it is positive, a high-gain tracker has the right sign",
     )
     def gain_definite(self) -> float:
         gain = normal_form(self.plant, output="length").gain_at()
-        masses = next(s.value for s in self.plant.p if s.name == "mass")
-        mass = np.mean(np.asarray(masses, dtype=float))
+        masses = next((s.value for s in self.plant.p if s.name == "mass"), None)
+        mass = np.mean(np.asarray(masses, dtype=float)) if self.worm else 1.0
         return float(mass * np.linalg.eigvalsh((gain + gain.T) / 2)[0])
 
     @stage
@@ -469,7 +465,8 @@ class Linear(Study, kind="linear"):
             yield _agree(
                 "disk margin by python-control", self.at_learned.disk_margin / disk - 1, _HARMONICS
             )
-            yield _agree("static gains of the impulse responses", _static(loop), _HARMONICS)
+            if loop.plant.F.size:
+                yield _agree("static gains of the impulse responses", _static(loop), _HARMONICS)
             if self._settled <= _LONGEST * self.gait.period:
                 simulated = self._free.error(
                     loop.gain, self._settled, Exact(), self.tolerance.options
@@ -520,6 +517,8 @@ class Linear(Study, kind="linear"):
 
     @facts
     def left_out(self) -> dict[str, Any]:
+        if self.worm is None:
+            return {}
         return {
             "hidden": "the position of the worm is a shift, which is no pole or zero of the loop"
         }

@@ -20,6 +20,7 @@ from wormopt.control.lambda_tracker import (
 )
 from wormopt.control.loop import FeedForward, Reference
 from wormopt.control.switching import switching_tracker
+from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
@@ -194,8 +195,13 @@ def law_of(table: Friction, mass: int = 0) -> Law:
 # -- trackers ------------------------------------------------------------------------------------
 
 
-def close_loop(plant: Model, reference: Reference, tracker: Tracker, worm: ChainTable) -> Model:
-    """Close the loop of a tracker; raises ValueError if it cannot start at the plant's state."""
+def close_loop(
+    plant: Model, reference: Reference, tracker: Tracker, worm: ChainTable | None
+) -> Model:
+    """Close the loop of a tracker; `worm` is None for plants of the user's own.
+
+    Raises ArgumentError if it cannot start at the plant's state, or does not fit the plant.
+    """
     feedforward = _feedforward(tracker, worm)
     if isinstance(tracker, FunnelTracker):
         return funnel_tracker(
@@ -248,13 +254,18 @@ def _adaptation(tracker: LambdaTracker) -> Adaptation:
     return Quadratic(tracker.growth)
 
 
-def _feedforward(tracker: Tracker, worm: ChainTable) -> FeedForward | None:
+def _feedforward(tracker: Tracker, worm: ChainTable | None) -> FeedForward | None:
     believed = tracker.feedforward
     if believed is None:
         return None
 
-    def number(name: str) -> tuple[float, ...]:
+    def number(name: str) -> Any:
         value = getattr(believed, name)
+        if worm is None:
+            if value is None:
+                what = f"feedforward has no {name}, which a plant of your own does not give"
+                raise ArgumentError(f"{what}; write {name} = ... in that table")
+            return value
         return per(getattr(worm, name) if value is None else value, worm.links)
 
     return FeedForward(number("stiffness"), number("rest_length"), number("damping"))

@@ -21,7 +21,7 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.tables import Tube
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, motion_facts, one_or_all
-from wormopt.systems.shared.signals import at_ends
+from wormopt.systems.shared.signals import at_ends, chain_expressions
 
 ENTERS, LEAVES = "enters the tube", "leaves the tube"
 """Names of the crossings of the tube, which are events."""
@@ -46,13 +46,39 @@ def _add_states(model: Model, states: Sequence[Signal], rates: Sequence[ca.SX]) 
 # -- power ---------------------------------------------------------------------------------------
 
 
-def measure_power(model: Model) -> Model:
-    """Add states that integrate the powers of a chain and the square of its inputs.
+def is_chain(model: Model) -> bool:
+    """Whether a model is a chain, driven or controlled, not a plant of the user's own."""
+    return any(output.name == "spring_force" for output in model.outputs)
 
-    ``input_square`` (integral of |u|^2), ``input_work``, ``spring_work`` (absorbed by springs) and
-    ``losses`` (to dashpots, ground, drag and load).
+
+def signals_of(model: Model) -> dict[str, ca.SX]:
+    """Expressions of the signals that a kind declares: all of a chain, few of another plant."""
+    if is_chain(model):
+        return chain_expressions(model)
+    return {"length": model["length"], "input": model["input"]}
+
+
+def measure_power(model: Model) -> Model:
+    """Add states that integrate the powers of a plant and the square of its inputs.
+
+    ``input_square`` (integral of |u|^2), ``input_work``; of a chain also ``spring_work`` (absorbed
+    by springs) and ``losses`` (to dashpots, ground, drag and load).
     """
-    u, rate, v = model["input"], model["rate"], model["velocity"]
+    u, rate = model["input"], model["rate"]
+    force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
+    rates = {"input_square": ca.dot(u, u), "input_work": ca.dot(u, rate)}
+    if is_chain(model):
+        rates |= _chain_powers(model)
+    sizes = {"input_square": force**2 * length / _nominal(model, "velocity")}
+    states = [
+        Signal(name, ca.SX.sym(name), nominal=float(sizes.get(name, force * length)), value=0.0)
+        for name in rates
+    ]
+    return _add_states(model, states, list(rates.values()))
+
+
+def _chain_powers(model: Model) -> dict[str, ca.SX]:
+    rate, v = model["rate"], model["velocity"]
     spring, links = model["spring_force"], rate.numel()
     # The spring force is c (l - l0) + d l', and l_j' = v_j - v_{j+1}.
     damping = ca.diag(ca.jacobian(spring, v)[:, :links])
@@ -60,19 +86,7 @@ def measure_power(model: Model) -> Model:
     lost += ca.dot(model["drag"] * v + model["load"], v)
     for contact in model.contacts:
         lost -= contact.force * contact.velocity
-    force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
-    rates = {
-        "input_square": ca.dot(u, u),
-        "input_work": ca.dot(u, rate),
-        "spring_work": ca.dot(spring - damping * rate, rate),
-        "losses": lost,
-    }
-    sizes = {"input_square": force**2 * length / _nominal(model, "velocity")}
-    states = [
-        Signal(name, ca.SX.sym(name), nominal=float(sizes.get(name, force * length)), value=0.0)
-        for name in rates
-    ]
-    return _add_states(model, states, list(rates.values()))
+    return {"spring_work": ca.dot(spring - damping * rate, rate), "losses": lost}
 
 
 def measure_tracking(model: Model) -> Model:
@@ -95,6 +109,8 @@ def _nominal(model: Model, name: str) -> float:
     found = {s.name: s.nominal for s in (*model.x, *model.u)}
     if name in found:
         return found[name]
+    if not is_chain(model):
+        return 1.0
     mass = next(s.value for s in model.p if s.name == "mass")
     return float(np.mean(np.asarray(mass))) * found["velocity"] ** 2 / found["position"]
 
@@ -104,9 +120,12 @@ def _observer(system: System) -> tuple[tuple[str, ...], ca.Function]:
     """Function of all measured expressions, made once for all motions of a model."""
     model = system.model
     rows = {
-        "center": model["center_of_mass"],
         "input": ca.norm_inf(model["input"]),
-        "mass": ca.sum1(model["mass"]),
+        **(
+            {"center": model["center_of_mass"], "mass": ca.sum1(model["mass"])}
+            if is_chain(model)
+            else {}
+        ),
         **{o.name: o.expression for o in model.outputs if o.name == "error_norm"},
     }
     for switch in model.switches:
@@ -123,19 +142,22 @@ def _seen(motion: Trajectory) -> dict[str, np.ndarray]:
 
 @np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def chain_numbers(motion: Trajectory) -> dict[str, Any]:
-    """Scalars of every motion of a chain, by their names in a Result.
+    """Scalars of every motion of a plant, by their names in a Result; some of a chain only.
 
     The motion is of a model of `measure_power`, sampled at start and end. Peaks are those of the
     samples if the motion was not kept whole.
     """
     seen, time = _seen(motion), motion.time[-1] - motion.time[0]
-    distance = _change(seen["center"])
-    whole = motion.dense is not None
-    return {
-        "x_end": motion["position"][:, -1],
-        "v_end": motion["velocity"][:, -1],
-        "distance": distance,
-        "mean_speed": distance / time,
+    whole, found = motion.dense is not None, dict[str, Any]()
+    if "center" in seen:
+        distance = _change(seen["center"])
+        found = {
+            "x_end": motion["position"][:, -1],
+            "v_end": motion["velocity"][:, -1],
+            "distance": distance,
+            "mean_speed": distance / time,
+        }
+    return found | {
         "input_rms": float(np.sqrt(_change(motion["input_square"][0]) / time)),
         "input_peak": motion.largest(motion.system.model["input"])
         if whole
@@ -168,8 +190,10 @@ class Balance:
 def balance(motion: Trajectory) -> Balance | None:
     """Energy balance from the first sample to the last, of a motion of `measure_power`.
 
-    None if an impact stops a mass, since no integral contains its energy.
+    None if an impact stops a mass, since no integral contains its energy, and if it is no chain.
     """
+    if not is_chain(motion.system.model):
+        return None
     if any(event.kind == "impact" and event.time > motion.time[0] for event in motion.events):
         return None
     model = motion.system.model
@@ -327,7 +351,7 @@ def judged_numbers(motion: Trajectory, tube: Tube) -> dict[str, Any]:
         float(motion[name][0, -1])
         for name in ("error_square", "positive_work", "input_work", "input_square")
     )
-    distance = chain["distance"]
+    distance = chain.get("distance")
     errors = seen["error_norm"][motion.time >= tube.capture]
     if motion.dense is not None:
         whole = motion.at(np.linspace(tube.capture, motion.end_time, _INSTANTS))
@@ -341,7 +365,7 @@ def judged_numbers(motion: Trajectory, tube: Tube) -> dict[str, Any]:
         "work": work,
         "net_work": net_work,
         "energy_per_mass_distance": work / (float(seen["mass"][0]) * distance)
-        if distance > 0
+        if distance and distance > 0
         else None,
     }
-    return {name: found[name] for name in (*JUDGED, *chain)}
+    return {name: found.get(name) for name in (*JUDGED, *chain)}

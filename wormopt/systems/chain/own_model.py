@@ -1,22 +1,37 @@
-"""Load a user's model: a function in a Python file beside the scene that returns a Model."""
+"""A user's model: a function in a Python file beside the scene that returns a Model."""
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import inspect
+import math
 import re
 import sys
 import traceback
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
-from wormopt.errors import ArgumentError, SceneError
-from wormopt.model.model import Model
-from wormopt.model.values import signal_values
+from msgspec import Meta
+
+from wormopt.errors import ArgumentError, Fault, SceneError
+from wormopt.study import Given, entry, on_use
+from wormopt.study.types import Title
+from wormopt.systems.spiked import why_unreadable
+
+with on_use():
+    import casadi as ca
+    import numpy as np
+
+    from wormopt.control.loop import as_tracked
+    from wormopt.model.model import Model
+    from wormopt.model.values import signal_values
+    from wormopt.quantities import Variable, unit_of_signal
+    from wormopt.simulation.trajectory import Trajectory
+    from wormopt.systems.shared.signals import sample
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Names that the Result itself uses.
@@ -26,25 +41,110 @@ _TAKEN = {
     *(f"rest_{what}" for what in ("start", "end", "contact")),
     *("event", "rest", "n_events", "n_steps", "recheck_error"),
 }
+_FILE = r"^[^\x00-\x1f]+\.py:[A-Za-z_][A-Za-z0-9_]*$"
 
 
-@dataclass(frozen=True)
-class OwnModel:
-    """A function that makes a model, as a scene names it."""
+class OwnModel(Given):
+    """A model of your own: a function in a Python file that returns a `Model`.
 
-    scene: str  # name of the scene, for messages
+    `wormopt check` reads the file without running it, and a saved result never runs it. Output that
+    the file prints goes to stderr. Errors name the line where there is one: a file that cannot be
+    read, is not Python, fails, or lacks the function; parameters that the function does not take,
+    or that are missing; a return value other than a Model; invalid names. If the function fails
+    because of `parameters`, or a value is outside the bounds of the Model's parameter, the message
+    names that key.
+    """
+
+    file: Annotated[
+        str, Meta(pattern=_FILE, description='"file.py:function", "my_worm.py:build" say')
+    ] = entry("a Python file, relative to the scene's folder, and a function in it")
+    parameters: dict[str, Any] = entry(
+        "arguments of that function by name: text, true, false, finite numbers, and lists and "
+        "tables of these",
+        default=dict,
+    )
+
+    def faults_in(self, folder: Path) -> Iterator[Fault]:
+        """Yield what is wrong in a scene of this folder, without running the file."""
+        for name, value in self.parameters.items():
+            if not _is_plain(value):
+                yield (
+                    f"model.parameters.{name}",
+                    "is not supported; write text, true, false, a finite number, or lists and "
+                    "tables of these",
+                )
+        shown = self.file.rpartition(":")[0]
+        yield from _faults_of_file(folder / shown, shown)
+
+    def load(self, scene: str, folder: Path) -> Model:
+        """Run the file and its function; `scene` is a name for messages.
+
+        Raises SceneError if the file or function is missing or fails, or if its return value is not
+        a Model that can be simulated and saved.
+        """
+        file, _, function = self.file.rpartition(":")
+        return _load(_Asked(scene, folder, file, function, self.parameters))
+
+
+class OwnPlant(OwnModel):
+    """A plant of your own, which follows the reference instead of a chain.
+
+    Its input must accelerate its output: the output has relative degree two, as a length under a
+    force. The result contains every named state and output of the Model beside those listed.
+    """
+
+    output: Title = entry("output, or state, that follows the reference", default="length")
+    input: Title = entry("input by which the controller acts, of as many entries", default="input")
+
+    def plant(self, scene: str, folder: Path) -> Model:
+        """Load the plant, as `as_tracked` makes it of the file's Model.
+
+        Raises SceneError as `load`, or if the output cannot follow by the input.
+        """
+        model = self.load(scene, folder)
+        try:
+            return as_tracked(model, self.output, self.input)
+        except ArgumentError as error:
+            place = next((k for k in ("output", "input") if f"{k}=" in str(error)), "file")
+            raise SceneError(scene, [(f"model.{place}", str(error))]) from None
+
+
+class _Asked(NamedTuple):
+    """The function to run."""
+
+    scene: str
     folder: Path
     file: str
     function: str
     parameters: Mapping[str, Any]
 
 
-def load_model(own: OwnModel) -> Model:
-    """Run the user's file and its function, as the scene's key ``model`` says.
+def _faults_of_file(path: Path, shown: str) -> Iterator[Fault]:
+    """Read the file without running it; only `wormopt run` runs it."""
+    unreadable = why_unreadable(path)
+    if unreadable:
+        yield "model.file", f'"{shown}" cannot be read from {path.parent}: {unreadable}'
+        return
+    try:
+        ast.parse(path.read_bytes(), shown)
+    except SyntaxError as error:
+        yield "model.file", f"{shown} line {error.lineno}: {error.msg}; write valid Python"
+    except (ValueError, RecursionError, MemoryError) as error:
+        yield "model.file", f"{shown} is not Python: {error}"
 
-    Raises SceneError if the file or function is missing or fails, or if its return value is not a
-    Model that can be simulated and saved.
-    """
+
+def _is_plain(value: object) -> bool:
+    """Whether a value has the same meaning in TOML, JSON and Python."""
+    if isinstance(value, list):
+        return all(_is_plain(item) for item in value)
+    if isinstance(value, dict):
+        return all(_is_plain(item) for item in value.values())
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return isinstance(value, bool | int | str)
+
+
+def _load(own: _Asked) -> Model:
     path = own.folder / own.file
     try:
         code = compile(path.read_bytes(), str(path), "exec")
@@ -68,7 +168,7 @@ def load_model(own: OwnModel) -> Model:
     return model
 
 
-def _refused(own: OwnModel, message: str, key: str = "model") -> SceneError:
+def _refused(own: _Asked, message: str, key: str = "model.file") -> SceneError:
     return SceneError(own.scene, [(key, message)])
 
 
@@ -77,7 +177,7 @@ def _shown(value: object) -> str:
 
 
 def _attempt(
-    own: OwnModel,
+    own: _Asked,
     path: Path,
     action: Callable[[], Any],
     given: Mapping[str, Any] | None = None,
@@ -103,23 +203,23 @@ def _attempt(
 def _blamed(given: Mapping[str, Any] | None, reason: str) -> str:
     """Key of the parameter that an error names, or None."""
     if not given:
-        return "model"
+        return "model.file"
     named = [name for name in given if re.search(rf"\b{re.escape(name)}\b", reason)] or list(given)
-    return f"parameters.{named[0]}" if len(named) == 1 else "parameters"
+    return f"model.parameters.{named[0]}" if len(named) == 1 else "model.parameters"
 
 
-def _function(own: OwnModel, module: ModuleType) -> Callable[..., Any]:
+def _function(own: _Asked, module: ModuleType) -> Callable[..., Any]:
     file, name = own.file, own.function
     found = getattr(module, name, None)
     if callable(found):
         return found
     functions = [key for key, value in vars(module).items() if inspect.isfunction(value)]
     close = get_close_matches(name, functions, n=1) or functions[:1]
-    hint = f'write model = "{file}:{close[0]}"' if close else f"define it: def {name}(): ..."
+    hint = f'write "{file}:{close[0]}"' if close else f"define it: def {name}(): ..."
     raise _refused(own, f"{file} has no function {name}; {hint}")
 
 
-def _check_parameters(own: OwnModel, function: Callable[..., Any]) -> None:
+def _check_parameters(own: _Asked, function: Callable[..., Any]) -> None:
     given: Mapping[str, Any] = own.parameters
     name = own.function
     try:
@@ -130,12 +230,12 @@ def _check_parameters(own: OwnModel, function: Callable[..., Any]) -> None:
     known = [p.name for p in taken if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
     anything = any(p.kind is p.VAR_KEYWORD for p in taken)
     faults = [
-        (f"parameters.{key}", f"{name}() has no such parameter; {_hint(key, known)}")
+        (f"model.parameters.{key}", f"{name}() has no such parameter; {_hint(key, known)}")
         for key in given
         if key not in known and not anything
     ]
     faults += [
-        (f"parameters.{p.name}", f"missing; {name}() needs it, and it has no default")
+        (f"model.parameters.{p.name}", f"missing; {name}() needs it, and it has no default")
         for p in taken
         if p.name in known and p.default is p.empty and p.name not in given
     ]
@@ -150,7 +250,7 @@ def _hint(key: str, known: list[str]) -> str:
     return f"its parameters are {', '.join(known)}" if known else "it has no parameters"
 
 
-def _check_model(own: OwnModel, model: Model) -> None:
+def _check_model(own: _Asked, model: Model) -> None:
     """Refuse a model that cannot be simulated or saved."""
     names = [signal.name for signal in model.x] + [output.name for output in model.outputs]
     for name in names:
@@ -171,3 +271,38 @@ def _check_model(own: OwnModel, model: Model) -> None:
         raise _refused(own, str(error), _blamed(own.parameters, str(error))) from error
     if not model.n_x:
         raise _refused(own, "the Model has no states; give it at least one in x")
+
+
+# -- signals ---------------------------------------------------------------------------------------
+
+
+def own_signals(model: Model) -> dict[str, str]:
+    """Unit of every named state and output of a user's model, and of its contact forces."""
+    named = {part.name: part.unit for part in (*model.x, *model.outputs)}
+    return named | ({"contact_force": "force"} if model.contacts else {})
+
+
+def own_variables(
+    motions: Sequence[Trajectory], named: Mapping[str, str], units: str, over: str = ""
+) -> dict[str, Variable]:
+    """Signals of a user's model over time, by name, from their units.
+
+    With `over`, a first dimension of this name counts the motions, of which the shortest ends all.
+    """
+    count = min(len(motion.time) for motion in motions)
+    sampled = [sample(motion, _expressions(motion.system.model, named)) for motion in motions]
+    found = {}
+    for name, unit in named.items():
+        rows = np.array([each[name][:, :count] for each in sampled])
+        dims = [over, *([f"{name}_entry"] if rows.shape[1] > 1 else []), "time"]
+        rows = rows if rows.shape[1] > 1 else rows[:, 0]
+        dims, rows = (tuple(dims), rows) if over else (tuple(dims[1:]), rows[0])
+        found[name] = Variable(name, unit_of_signal(unit, units), dims, rows, name)
+    return found
+
+
+def _expressions(model: Model, names: Iterable[str]) -> dict[str, ca.SX]:
+    there = {part.name for part in (*model.x, *model.outputs)}
+    return {
+        name: ca.vec(ca.densify(model[name] if name in there else model.forces)) for name in names
+    }

@@ -56,7 +56,8 @@ def trackers(result: Result) -> Figure:
     The order is that of figures 5 to 8 of Zimmermann et al. 2007. Rows share scales; there is no
     row for a missing gain.
     """
-    page, columns = _grid(result, [name for name in _ROWS if name in result or name != "gain"])
+    missing = {"gain": "gain" not in result, "position": "center_velocity" not in result}
+    page, columns = _grid(result, [name for name in _ROWS if not missing.get(name)])
     for column, panels in enumerate(columns):
         for name, panel in panels.items():
             if name == "length":
@@ -66,7 +67,8 @@ def trackers(result: Result) -> Figure:
             what = "mass" if name == "position" else "link"
             panel.curves(page["time"], page[name][column], what=what, legend=False, ls="-", **look)
         _draw_tube(panels["error_norm"], column)
-        _draw_rests(panels["position"], column, upward=False)
+        if "position" in panels:  # of a chain
+            _draw_rests(panels["position"], column, upward=False)
     return _explain(page, columns[0], "length", "position")
 
 
@@ -106,7 +108,7 @@ def _grid(
 
 def _explain(page: Page, panels: dict[str, Panel], lengths: str, places: str) -> Figure:
     """One legend for all columns, below them."""
-    first, last = panels["length"], panels["position"]
+    first = panels["length"]
     first.entries = [
         *_entries("link", page[lengths].shape[-2]),
         line("reference", GREY, _REFERENCE, 1),
@@ -114,7 +116,8 @@ def _explain(page: Page, panels: dict[str, Panel], lengths: str, places: str) ->
         line(_TUBE, GREY, LIMIT, 0.9),
         *([line("funnel", GREY, ":", 0.9)] if "funnel" in page else []),
     ]
-    last.entries[:0] = _entries("mass", page[places].shape[-2])
+    if last := panels.get("position"):
+        last.entries[:0] = _entries("mass", page[places].shape[-2])
     return page.legend()
 
 
@@ -414,13 +417,16 @@ def draws(result: Result) -> Figure:
     Boxes hold half of the plants, whiskers 90 %; a cross is the nominal plant.
     """
     references, names = result.attributes["references"], result.attributes["rivals"]
-    columns, count = 2 if narrow() else len(_BOXES), len(_BOXES)
+    drawn = {name: result[f"drawn_{name}"].values for name in _BOXES}
+    boxes = [pair for pair in _BOXES.items() if np.isfinite(drawn[pair[0]]).any()]
+    count = len(boxes)
+    columns = count if not narrow() else 1 if count % 2 else 2
     lines = count // columns * len(references)
     high = (0.45 + 0.155 * len(names)) * lines + 0.5
     page = Page(result, high, high + 0.3)
     panels = [panel for row in page.grid(lines, columns, sharey=True) for panel in row]
     for place, panel in enumerate(panels):
-        reference, (name, text) = place // count, [*_BOXES.items()][place % count]
+        reference, (name, text) = place // count, boxes[place % count]
         if place >= count:  # each quantity has one scale
             panel.axes.sharex(panels[place % count].axes)
         _draw_boxes(panel, name, reference)

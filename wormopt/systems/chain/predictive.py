@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from wormopt.errors import Fault, SolveError
 from wormopt.study import Given, entry, number, on_use, positive, whole
-from wormopt.study.types import Seed
+from wormopt.study.types import Seed, Title
 from wormopt.systems.chain.tables import ChainTable, LeastError, Tube
 
 with on_use():
@@ -25,7 +26,8 @@ with on_use():
     from wormopt.ocp.mesh import Mesh
     from wormopt.ocp.motion import Guess
     from wormopt.simulation.options import Tolerance
-    from wormopt.systems.chain.copies import Draw
+    from wormopt.systems.chain.copies import Draw, drawn_plants
+    from wormopt.systems.chain.measured import is_chain
     from wormopt.systems.chain.optimal_tracking import followed_by_lqr, tracking_problem
 
 Estimated = Literal["mass", "stiffness", "damping", "friction_forward", "friction_backward"]
@@ -45,13 +47,24 @@ class DrawnPlants(Given):
     """
 
     members: int = whole(1, 1000, "number of drawn plants")
-    spread: float = number(
-        "share",
-        "every mass, stiffness, damping and friction force is drawn within ± this share",
-        least=0,
-        below=1,
+    spread: float = number("share", "parameters are drawn within ± this share", least=0, below=1)
+    parameters: tuple[Title, ...] | None = entry(
+        "parameters that are drawn; default: every mass, stiffness, damping and friction force of "
+        "a chain, every parameter of the Model of a plant of your own",
+        default=None,
     )
     seed: Seed = entry("seed of the drawn plants", default=0)
+
+    def of(self, plant: Model) -> list[Draw]:
+        """Draw the parameters of plants around those of this one.
+
+        Raises ArgumentError if it lacks one of `parameters`.
+        """
+        names = self.parameters
+        if names is None and not is_chain(plant):
+            names = tuple(s.name for s in plant.p if s.value is not None)
+        spread = self.spread if names is None else dict.fromkeys(names, self.spread)
+        return drawn_plants(plant, spread, self.seed, self.members)
 
 
 def faults_of_nominal(worm: ChainTable, drawn: str) -> Iterator[Fault]:
@@ -203,7 +216,7 @@ def plan_tracking(
     Raises SolveError if no plan is found.
     """
     weight = control.input_weight
-    bounded, free = limited(plant, control.force), limited(plant, None)
+    bounded, free = limited(plant, control.force) if control.force else plant, limited(plant)
     objective = LeastError(input_weight=weight)
     problem = tracking_problem(bounded, reference, end, objective, Tube(radius=1.0))
     breaks = problem.model.breaks(end)
@@ -213,10 +226,9 @@ def plan_tracking(
     return plan_mpc(problem, mesh, contact, guess, p=p)
 
 
-def limited(plant: Model, force: float | None) -> Model:
+def limited(plant: Model, force: float = math.inf) -> Model:
     """The plant with a limit on the size of its inputs, or without one."""
-    limit = np.inf if force is None else force
-    return replace(plant, u=[replace(u, lower=-limit, upper=limit) for u in plant.u])
+    return replace(plant, u=[replace(u, lower=-force, upper=force) for u in plant.u])
 
 
 def inputs_of(plan: MpcPlan) -> Gait:

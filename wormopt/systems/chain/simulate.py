@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import ast
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import field
 
 from wormopt.errors import Fault, SceneError
-from wormopt.quantities import Scalar, Variable, unit_of_signal
+from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -41,9 +39,10 @@ from wormopt.study.numerics import (
     ToleranceTable,
 )
 from wormopt.study.types import FinitePerLink, NonNegativePerLink, per
+from wormopt.systems.chain.own_model import OwnModel, own_signals, own_variables
 from wormopt.systems.chain.tables import ChainTable
 from wormopt.systems.shared.declared import CHAIN, CHAIN_SIGNALS, EVENTS, TIME, over
-from wormopt.systems.spiked import Shape, why_unreadable
+from wormopt.systems.spiked import Shape
 
 with on_use():
     import casadi as ca
@@ -62,7 +61,6 @@ with on_use():
         chain_numbers,
         measure_power,
     )
-    from wormopt.systems.chain.own_model import OwnModel, load_model
     from wormopt.systems.shared.proof import (
         CrossCheck,
         cross_check,
@@ -88,7 +86,6 @@ _SIGNALS = (
     | {"command": ("length", ("link", "time"), "commanded rest length")}
     | EVENTS
 )
-_MODEL = r"^[^\x00-\x1f]+\.py:[A-Za-z_][A-Za-z0-9_]*$"
 
 
 class ConstantForce(Given, tag_field="law", tag="constant"):
@@ -145,19 +142,11 @@ Actuation = ConstantForce | HarmonicChange | CommandedGait
 class Simulate(Study, kind="simulate"):
     """Simulate a chain with given inputs, or a model of your own.
 
-    A scene has `[worm]`, with optional `[start]` and `[actuation]`, or a `model`. Example of a
-    user-defined model: `problems/own_model.toml` with `problems/my_worm.py`; instructions:
-    [simulation.md](../simulation.md#a-model-of-your-own). Only `wormopt run` of that scene runs the
-    file: `check` reads it without running it, and a saved result never runs it. Output that the
-    file prints goes to stderr. The result contains every named state and output of the Model:
-    `<name>` over time, or `<name>_entry` over entry and time, and the scalar `<name>_end`.
-
-    Errors, with the line where there is one: a file that cannot be read, is not Python, fails, or
-    lacks the function; parameters that the function does not take, or that are missing; a return
-    value other than a Model; invalid names, and names that the result itself needs; symbols that
-    the Model does not contain; misspelt quantities as units. If the function fails because of
-    `[parameters]`, or a value is outside the bounds of the Model's parameter, the message names
-    that key.
+    A scene has `[worm]`, with optional `[start]` and `[actuation]`, or `[model]`, a function in a
+    Python file: `problems/own_model.toml` with `problems/my_worm.py` is an example, instructions
+    are in [simulation.md](../simulation.md#a-model-of-your-own). The result contains every named
+    state and output of that Model: `<name>` over time, or `<name>_entry` over entry and time, and
+    the scalar `<name>_end`. Names that the result itself needs are refused.
 
     At rest, `contact_force` is the force that holds the mass. `event_kind` counts from 0: reversal,
     stick, release, impact, switch. Rests are known for exact contact only. Attributes: `contacts`,
@@ -168,44 +157,23 @@ class Simulate(Study, kind="simulate"):
     pictures: ClassVar = {
         "motion": "wormopt.systems.chain.pictures:motion",
         "signals": "wormopt.systems.chain.pictures:signals",
+        "animation": "wormopt.pictures.worms:animation",
     }
 
-    want: tuple[Literal["motion", "signals"], ...] = entry(
-        "`signals`: signals over time; `motion`, of a chain: paths with time upward", default=()
+    want: tuple[Literal["motion", "signals", "animation"], ...] = entry(
+        "`signals`: signals over time; `motion`, of a chain: paths with time upward; `animation`, "
+        "of a chain: the moving masses, as a GIF",
+        default=(),
     )
     worm: ChainTable | None = entry("the chain", default=None)
     start: Start | None = entry("initial state of the chain; default: at rest length", default=None)
     actuation: Actuation | None = entry(
         "inputs *u*<sub>j</sub> of the chain; default: 0", default=None
     )
-    model: (
-        Annotated[
-            str, Meta(pattern=_MODEL, description='"file.py:function", "my_worm.py:build" say')
-        ]
-        | None
-    ) = entry(
-        "a Python file, relative to the scene's folder, and a function in it that returns a "
-        "`Model`",
-        default=None,
-    )
-    parameters: dict[str, Any] | None = entry(
-        "arguments of that function by name: text, true, false, finite numbers, and lists and "
-        "tables of these",
-        default=None,
-    )
+    model: OwnModel | None = entry("a model of your own; default: none", default=None)
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)
-
-    @property
-    def model_file(self) -> str:
-        """Name of the file that defines the model."""
-        return (self.model or "").rpartition(":")[0]
-
-    @property
-    def model_function(self) -> str:
-        """Name of the function that returns the model."""
-        return (self.model or "").rpartition(":")[2]
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows."""
@@ -214,36 +182,28 @@ class Simulate(Study, kind="simulate"):
         elif self.worm is not None:
             yield from self._faults_of_chain(self.worm)
         elif self.model is not None:
-            yield from self._faults_of_model()
+            yield from self._faults_of_model(self.model)
         else:
-            yield "worm", 'missing; write [worm], or a model: model = "my_worm.py:build"'
+            yield "worm", 'missing; write [worm], or [model] file = "my_worm.py:build"'
 
     def _faults_of_chain(self, worm: ChainTable) -> Iterator[Fault]:
         yield from worm.faults(self.time.end, self.units)
-        if self.parameters is not None:
-            yield "parameters", "apply to a model only; write the worm's parameters in [worm]"
         if self.start is not None:
             yield from self.start.faults(worm.links)
         if self.actuation is not None:
             yield from self.actuation.faults(worm.links, self.folder)
 
-    def _faults_of_model(self) -> Iterator[Fault]:
+    def _faults_of_model(self, model: OwnModel) -> Iterator[Fault]:
         for key in ("start", "actuation"):
             if getattr(self, key) is not None:
                 yield (
                     key,
                     f"applies to [worm] only, since a model defines its own {key}; leave it out",
                 )
-        if "motion" in self.want:
-            yield "want", '"motion" needs a chain; write "signals" for a model'
-        for name, value in (self.parameters or {}).items():
-            if not _is_plain(value):
-                yield (
-                    f"parameters.{name}",
-                    "is not supported; write text, true, false, a finite number, or lists and "
-                    "tables of these",
-                )
-        yield from _faults_of_file(self.folder / self.model_file, self.model_file)
+        for word in ("motion", "animation"):
+            if word in self.want:
+                yield "want", f'"{word}" needs a chain; write "signals" for a model'
+        yield from model.faults_in(self.folder)
 
     # -- models ------------------------------------------------------------------------------------
 
@@ -252,8 +212,8 @@ class Simulate(Study, kind="simulate"):
         """The model to simulate; SceneError for a file that gives none."""
         if self.worm:
             return self._driven(self.worm)
-        file, function = self.model_file, self.model_function
-        return load_model(OwnModel(self.name, self.folder, file, function, self.parameters or {}))
+        assert self.model is not None
+        return self.model.load(self.name, self.folder)
 
     def models(self) -> dict[str, Model]:
         """The model to simulate."""
@@ -361,23 +321,12 @@ class Simulate(Study, kind="simulate"):
     @property
     def _own(self) -> dict[str, Variable]:
         """Every named state and output of a user's model."""
-        named = _own_signals(self.motion.system.model)
-        values = sample(
-            self.motion, {name: ca.vec(ca.densify(e)) for name, (e, _) in named.items()}
-        )
-        found = {}
-        for name, (_, quantity) in named.items():
-            rows = values[name]
-            alone = len(rows) == 1
-            dims = ("time",) if alone else (f"{name}_entry", "time")
-            unit = unit_of_signal(quantity, self.units)
-            found[name] = Variable(name, unit, dims, rows[0] if alone else rows, name)
-        return found
+        return own_variables([self.motion], own_signals(self.motion.system.model), self.units)
 
     @attributes
     def shown(self) -> dict[str, Any]:
         model = self.motion.system.model
-        names = [*(_SHOWN if self.worm else _own_signals(model))]
+        names = [*(_SHOWN if self.worm else own_signals(model))]
         if not model.contacts:
             names = [name for name in names if name != "contact_force"]
         return {
@@ -405,37 +354,3 @@ class Simulate(Study, kind="simulate"):
                 [self.motion], [self.recheck], self.tolerance.options, [self.energies]
             )
         return motion_facts([self.motion], [self.recheck], self.tolerance.options)
-
-
-def _own_signals(model: Model) -> dict[str, tuple[ca.SX, str]]:
-    """Expression and unit of every named state and output of a user's model."""
-    named = {s.name: (s.symbol, s.unit) for s in model.x}
-    named |= {o.name: (o.expression, o.unit) for o in model.outputs}
-    if model.contacts and "contact_force" not in named:
-        named["contact_force"] = (model.forces, "force")
-    return named
-
-
-def _faults_of_file(path: Path, shown: str) -> Iterator[Fault]:
-    """Read the file without running it; only `wormopt run` runs it."""
-    unreadable = why_unreadable(path)
-    if unreadable:
-        yield "model", f'"{shown}" cannot be read from {path.parent}: {unreadable}'
-        return
-    try:
-        ast.parse(path.read_bytes(), shown)
-    except SyntaxError as error:
-        yield "model", f"{shown} line {error.lineno}: {error.msg}; write valid Python"
-    except (ValueError, RecursionError, MemoryError) as error:
-        yield "model", f"{shown} is not Python: {error}"
-
-
-def _is_plain(value: object) -> bool:
-    """Whether a value has the same meaning in TOML, JSON and Python."""
-    if isinstance(value, list):
-        return all(_is_plain(item) for item in value)
-    if isinstance(value, dict):
-        return all(_is_plain(item) for item in value.values())
-    if isinstance(value, float):
-        return math.isfinite(value)
-    return isinstance(value, bool | int | str)

@@ -13,12 +13,9 @@ from wormopt.study.types import (
     FinitePerMass,
     NonNegativePerLink,
     NonNegativePerMass,
-    Pair,
     PerMass,
-    PositiveOrPair,
     Seed,
     per,
-    wrong_order,
 )
 from wormopt.systems.shared.gravity import (
     Gravity,
@@ -605,63 +602,3 @@ class Relaxation(Given):
         """Yield a fault if the last product is above the first."""
         if self.last > self.first:
             yield "last", f"is above relaxation.first = {self.first:g}; write less"
-
-
-# -- optimal crawls --------------------------------------------------------------------------------
-
-
-class CrawlLimits(Given):
-    """Limits of the crawl."""
-
-    period: PositiveOrPair = entry("fixed period, or [shortest, longest]", quantity="time")
-    force: float = positive("force", "upper limit of |*u*<sub>j</sub>|")
-    length: Pair | None = entry(
-        "[shortest, longest] length of every link at all times; default: no limit",
-        quantity="length",
-        default=None,
-    )
-
-    @property
-    def period_range(self) -> tuple[float, float]:
-        """Shortest and longest period."""
-        range_ = self.period if isinstance(self.period, tuple) else (self.period, self.period)
-        return range_[0], range_[-1]
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield ranges whose bounds are in the wrong order."""
-        for name in ("period", "length"):
-            value = getattr(self, name)
-            if isinstance(value, tuple):
-                yield from wrong_order(name, value, may_be_equal=name == "period")
-
-
-class Aim(Given):
-    """Objective of the crawl: exactly one of `maximise` and `minimise`."""
-
-    maximise: Literal["speed"] | None = entry(
-        "mean speed − `effort` · mean of |*u*|²", default=None
-    )
-    minimise: Literal["energy_per_mass_distance"] | None = entry(
-        "positive work of the actuators over mass and distance; requires `speed`", default=None
-    )
-    effort: float = number("", "weight of the squared inputs, for `maximise`", least=0, default=0.0)
-    speed: float | None = positive(
-        "speed", "lower limit of the mean speed; default: none", default=None
-    )
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield conflicts between the keys."""
-        if (self.maximise is None) == (self.minimise is None):
-            yield (
-                "",
-                'has neither or both of maximise and minimise; write maximise = "speed" or '
-                'minimise = "energy_per_mass_distance"',
-            )
-        elif self.minimise and self.speed is None:
-            yield (
-                "speed",
-                "missing, and without it the cheapest crawl stays at rest; write the least mean "
-                "speed",
-            )
-        elif self.minimise and self.effort:
-            yield "effort", 'applies to maximise = "speed" only; leave it out'

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 from msgspec import field
 
-from wormopt.errors import Fault, SceneError
+from wormopt.errors import Fault
 from wormopt.result import Check
 from wormopt.study import (
     Given,
-    Study,
     arrays,
     attributes,
     checks,
@@ -28,18 +27,15 @@ from wormopt.study import (
 from wormopt.study.numerics import (
     Contacts,
     ExactContact,
-    Horizon,
-    Start,
     Tolerances,
     ToleranceTable,
 )
+from wormopt.systems.chain.own_model import own_signals, own_variables
 from wormopt.systems.chain.tables import (
-    ChainTable,
-    FunnelTracker,
-    Reference,
     Tracker,
     faults_of_lag,
 )
+from wormopt.systems.chain.tracking import Tracking
 from wormopt.systems.shared.declared import (
     CHAIN,
     GAIT,
@@ -57,16 +53,11 @@ from wormopt.systems.shared.declared import (
 with on_use():
     import numpy as np
 
-    from wormopt.control.loop import gait_reference
-    from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.systems.chain.loops import (
         Links,
-        chain_for,
-        close_loop,
         draw_links,
         labels,
-        laws_of,
     )
     from wormopt.systems.chain.measured import chain_checks, chain_facts
     from wormopt.systems.chain.tracked import (
@@ -81,7 +72,6 @@ with on_use():
     )
     from wormopt.systems.shared.proof import CrossCheck, one_or_all, warnings_of_contact
     from wormopt.systems.shared.signals import fitted
-    from wormopt.systems.spiked import gait_of_shape
 
 _BANDS = ("position", "length", "input", "error_norm", "gain")
 _EACH = ("distance", "mean_speed", "time_outside_tube", "capture_time", "input_rms", "k_end")
@@ -137,12 +127,15 @@ class Members(Given):
     )
 
 
-class Track(Study, kind="track"):
+class Track(Tracking, kind="track"):
     """Track a gait with adaptive controllers on a chain with friction.
 
-    Each controller acts on its own copy of the worm. With several trackers every scalar is a list
-    with one entry per tracker, in the order of the scene; the attribute `trackers` holds their
-    names. Trust report: [simulations](../scenes.md#the-trust-report-of-a-simulation).
+    Each controller acts on its own copy of the worm, or of `[model]`, a plant of your own. The
+    results of a plant of your own contain its output as `length`, its input as `input`, and every
+    named state and output of its Model; they lack what only chains have. With several trackers
+    every scalar is a list with one entry per tracker, in the order of the scene; the attribute
+    `trackers` holds their names. Trust report:
+    [simulations](../scenes.md#the-trust-report-of-a-simulation).
 
     With `[ensemble]`, scalars are medians over the members, entry by entry. `capture_time` is
     unknown if most members are never captured. `input_peak` is the largest over the samples.
@@ -157,22 +150,19 @@ class Track(Study, kind="track"):
 
     pictures: ClassVar = {
         name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion", "bands")
-    }
+    } | {"animation": "wormopt.pictures.worms:animation"}
 
-    want: tuple[Literal["trackers", "motion", "bands"], ...] = entry(
+    want: tuple[Literal["trackers", "motion", "bands", "animation"], ...] = entry(
         "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
         "figures 5 to 8 of Zimmermann et al. 2007); `motion`: paths with time upward, thick "
-        "where a mass rests; with `[ensemble]` `bands` instead",
+        "where a mass rests; `animation`: the moving worms, as a GIF; with `[ensemble]` `bands` "
+        "instead",
         default=(),
     )
-    worm: ChainTable = entry("the chain")
-    start: Start = entry("initial state", default=Start)
-    reference: Reference = entry("reference of the links")
     tracker: Tracker | tuple[Tracker, ...] = entry(
         "the controller, or one `[[tracker]]` for each controller; `feedback` selects its kind"
     )
     contact: Contacts = field(default_factory=ExactContact)
-    time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)
     ensemble: Members | None = entry("simulates many worms; default: one worm", default=None)
 
@@ -187,49 +177,39 @@ class Track(Study, kind="track"):
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows."""
-        links = self.worm.links
-        yield from self.worm.faults(self.time.end, self.units)
-        yield from self.start.faults(links)
-        yield from self.reference.gait.faults(links, self.folder, "reference.gait")
+        yield from super().faults_of_keys()
         if not self.trackers:
             yield "tracker", "has no entries; write at least one [[tracker]]"
         for index, tracker in enumerate(self.trackers):
-            yield from tracker.faults(self.tracker_key(index), links)
             yield from faults_of_lag(self.tracker_key(index), tracker, self.time.end)
         if self.ensemble is None and "bands" in self.want:
             yield "want", '"bands" needs an ensemble; write [ensemble] members = 200'
-        if self.ensemble is not None and self.worm.random is None:
+        if self.ensemble is not None and (self.worm is None or self.worm.random is None):
             yield "ensemble", "would have equal members; write [worm.random]"
-        for word in ("trackers", "motion"):
+        for word in ("trackers", "motion", "animation"):
             if self.ensemble is not None and word in self.want:
                 message = f'"{word}" shows a single worm; write "bands", or leave out [ensemble]'
                 yield "want", message
+        if self.model is not None and "motion" in self.want:
+            yield "want", '"motion" shows masses of a chain; write "trackers"'
+
+    def faults_of_sizes(self, links: int) -> Iterator[Fault]:
+        """Yield gaits and trackers that do not fit the number of links."""
+        yield from super().faults_of_sizes(links)
+        for index, tracker in enumerate(self.trackers):
+            yield from tracker.faults(self.tracker_key(index), links)
 
     # -- closed loops ------------------------------------------------------------------------------
 
-    @cached_property
-    def gait(self) -> Gait:
-        """The gait that the links follow."""
-        return gait_of_shape(self.reference.gait, self.scene, "reference.gait")
-
-    def loop(self, index: int, links: Links) -> Model:
+    def loop(self, index: int, links: Links | None) -> Model:
         """Close the loop of a tracker; SceneError if it cannot start there."""
-        plant = chain_for(self.worm, self.start, links, self.gait)
-        shift = self.reference.shift % self.gait.period
-        tracker = self.trackers[index]
-        try:
-            return close_loop(
-                plant, gait_reference(self.gait, plant.t, shift=shift), tracker, self.worm
-            )
-        except ValueError as error:
-            if not isinstance(tracker, FunnelTracker):
-                raise
-            message = f"{error}; write wider funnels, or another start"
-            raise SceneError(self.name, [(self.tracker_key(index), message)]) from None
+        plant = self.plant_for(self.gait, links)
+        tracker, key = self.trackers[index], self.tracker_key(index)
+        return self.closed(plant, self.target(plant), tracker, key)
 
     def models(self) -> dict[str, Model]:
         """Closed loop of every tracker, by label; links are those of the first draw."""
-        links = draw_links(self.worm, self.time.end)
+        links = draw_links(self.worm, self.time.end) if self.worm else None
         names = labels(self.trackers)
         return {name: self.loop(k, links) for k, name in enumerate(names)}
 
@@ -249,6 +229,7 @@ class Track(Study, kind="track"):
         if self.ensemble is None:
             several = len(self.trackers)
             return follow(label, tracker, loop, end, samples, *how, motions=several)
+        assert self.worm is not None
         members = [draw_links(self.worm, end, k) for k in range(self.ensemble.members)]
         return follow_all(label, tracker, loop, members, np.linspace(0.0, end, samples), *how)
 
@@ -282,7 +263,13 @@ class Track(Study, kind="track"):
     def signals(self) -> Mapping[str, Any]:
         herds = [each for each in self.motions if isinstance(each, Herd)]
         found = herd_signals(herds, _BANDS, _EACH) if herds else tracked_signals(self.motions)
-        return fitted(found, _SIGNALS) | gait_arrays(self.gait) if found else {}
+        if not found:
+            return {}
+        own: Mapping[str, Any] = {}
+        if self.own is not None:
+            named = own_signals(self.own)
+            own = own_variables([e.motion for e in self.motions], named, self.units, "tracker")
+        return {**own, **fitted(found, _SIGNALS), **gait_arrays(self.gait)}
 
     @attributes
     def labels(self) -> dict[str, Any]:
@@ -299,7 +286,7 @@ class Track(Study, kind="track"):
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        yield from warnings_of_contact(self.contact.options, laws_of(self.worm))
+        yield from warnings_of_contact(self.contact.options, self.laws)
         for each, second in zip(self.motions, self.recheck, strict=True):
             yield from each.warnings(second, self.gait.period)
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
 from wormopt.errors import Fault
-from wormopt.quantities import Scalar, unit_of
+from wormopt.quantities import Scalar
 from wormopt.result import NOT_RECHECKED, Check
 from wormopt.study import (
-    Study,
     arrays,
     attributes,
     check,
@@ -23,16 +22,17 @@ from wormopt.study import (
     stage,
     warnings,
 )
-from wormopt.study.numerics import Horizon, Start, ToleranceTable
+from wormopt.study.numerics import ToleranceTable
+from wormopt.systems.chain.own_model import own_signals, own_variables
 from wormopt.systems.chain.tables import (
     ChainTable,
     Grid,
     LeastError,
     LeastInput,
-    Reference,
     Relaxation,
     Tube,
 )
+from wormopt.systems.chain.tracking import Tracking
 from wormopt.systems.shared.declared import (
     CHAIN,
     GAIT,
@@ -49,33 +49,30 @@ with on_use():
     import numpy as np
 
     from wormopt.control.drive import drive
-    from wormopt.control.loop import Reference as Target
-    from wormopt.control.loop import gait_reference, with_reference
-    from wormopt.model.gait import Gait
+    from wormopt.control.loop import Reference as Followed
+    from wormopt.control.loop import with_reference
     from wormopt.model.model import Model
     from wormopt.model.values import nominal_of
     from wormopt.ocp.optimise import Optimum
     from wormopt.simulation.options import Exact
     from wormopt.simulation.trajectory import Trajectory
-    from wormopt.systems.chain.loops import chain_for, draw_links
     from wormopt.systems.chain.measured import (
         Balance,
         balance,
         chain_checks,
         judged,
         judged_numbers,
+        signals_of,
     )
     from wormopt.systems.chain.optimal_tracking import optimal_input
     from wormopt.systems.shared.optimum import statistics
     from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
     from wormopt.systems.shared.signals import (
-        chain_expressions,
         event_arrays,
         fitted,
         sample,
         simulate_whole,
     )
-    from wormopt.systems.spiked import gait_of_shape
 
 _NUMBERS = JUDGED | {name: declared for name, declared in CHAIN.items() if name != "recheck_error"}
 _OF_LOOP = {
@@ -87,12 +84,14 @@ _SIGNALS = TIME | REFERENCE | over(_OF_LOOP, "tracker") | TRACKER_EVENTS | GAIT
 _ACCEPTED = 0.05
 
 
-class TrackOptimal(Study, kind="track-optimal"):
+class TrackOptimal(Tracking, kind="track-optimal"):
     """Compute the optimal input that keeps a chain on a gait, checked by simulation.
 
     The optimiser treats contact as a complementarity condition on a fixed grid; an exact simulation
     repeats the motion found, in open loop. The first guess is a simulated LQR with feed-forward.
-    Not allowed: `worm.random`; `tube.capture` not before the end. If no motion stays in the tube,
+    `[model]` is a plant of your own in place of the chain; it needs linear equations between its
+    input and output, but for contacts, for the LQR. Not allowed: `worm.random`; `tube.capture` not
+    before the end. If no motion stays in the tube,
     the exit code is 3 and the message names the tube.
 
     All scalars except `objective_found` come from the exact simulation. At rest, `contact_force` is
@@ -103,7 +102,7 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     pictures: ClassVar = {
         name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion")
-    }
+    } | {"animation": "wormopt.pictures.worms:animation"}
     headline: ClassVar = (
         "objective",
         "capture_time",
@@ -113,61 +112,47 @@ class TrackOptimal(Study, kind="track-optimal"):
         "distance",
     )
 
-    want: tuple[Literal["trackers", "motion"], ...] = entry(
+    want: tuple[Literal["trackers", "motion", "animation"], ...] = entry(
         "`trackers`: lengths with the *λ*-strip, error, input, motion; `motion`: paths with "
-        "time upward, thick where a mass rests",
+        "time upward, thick where a mass rests; `animation`: the moving worms, as a GIF",
         default=(),
     )
-    worm: ChainTable = entry("the chain, without `random`")
-    start: Start = entry("initial state", default=Start)
-    reference: Reference = entry("reference of the links")
     tube: Tube = entry("tube around the reference")
     objective: LeastError | LeastInput = entry("minimised quantity")
     mesh: Grid = entry("mesh of the optimiser", default=Grid)
     relaxation: Relaxation = entry("relaxation of contact in the optimiser", default=Relaxation)
-    time: Horizon
     tolerance: ToleranceTable = entry("tolerance of the exact simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows."""
-        links = self.worm.links
-        yield from self.worm.faults(self.time.end, self.units)
-        yield from self.start.faults(links)
-        yield from self.reference.gait.faults(links, self.folder, "reference.gait")
-        if self.worm.random is not None:
+        yield from super().faults_of_keys()
+        if self.tube.capture >= self.time.end:
+            yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
+        if self.model is not None and "motion" in self.want:
+            yield "want", '"motion" shows masses of a chain; write "trackers"'
+
+    def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
+        """Yield what is not supported of a chain."""
+        if worm.random is not None:
             yield (
                 "worm.random",
                 "is not allowed, since an optimal input belongs to a single chain; leave the "
                 "table out",
             )
-        if self.tube.capture >= self.time.end:
-            yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
 
     # -- computing ---------------------------------------------------------------------------------
 
     @cached_property
-    def gait(self) -> Gait:
-        """The gait that the links follow."""
-        return gait_of_shape(self.reference.gait, self.scene, "reference.gait")
-
-    @cached_property
-    def plant(self) -> Model:
-        """The chain without inputs."""
-        links = draw_links(self.worm, self.time.end)
-        return chain_for(self.worm, self.start, links, self.gait)
-
-    @cached_property
-    def target(self) -> Target:
-        """Reference of the link lengths."""
-        shift = self.reference.shift % self.gait.period
-        return gait_reference(self.gait, self.plant.t, shift=shift)
+    def followed(self) -> Followed:
+        """Reference of the output over time."""
+        return self.target(self.plant)
 
     @stage
     def optimum(self) -> Optimum:
         with np.errstate(all="ignore"):  # values that are not finite are checked elsewhere
             return optimal_input(
                 self.plant,
-                self.target,
+                self.followed,
                 self.time.end,
                 self.objective,
                 self.tube,
@@ -179,8 +164,8 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @cached_property
     def driven(self) -> Model:
-        """The chain with the optimal input over time."""
-        return drive(with_reference(self.plant, self.target), self.optimum.motion.input_course())
+        """The plant with the optimal input over time."""
+        return drive(with_reference(self.plant, self.followed), self.optimum.motion.input_course())
 
     @stage
     def motion(self) -> Trajectory:
@@ -224,7 +209,7 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     def _objective(self, value: float) -> Scalar:
         squares = isinstance(self.objective, LeastError)
-        return Scalar(value, unit_of("length_squared_time" if squares else "effort", self.units))
+        return Scalar(value, self.unit("length_squared_time" if squares else "effort"))
 
     @scalar("count", "iterations of the optimiser, over all solves")
     def solve_iterations(self) -> int:
@@ -246,10 +231,14 @@ class TrackOptimal(Study, kind="track-optimal"):
     def signals(self) -> dict[str, Any]:
         motion = self.motion
         model = motion.system.model
-        expressions = chain_expressions(model) | {"error_norm": model["error_norm"]}
+        expressions = signals_of(model) | {"error_norm": model["error_norm"]}
         found = {name: values[None] for name, values in sample(motion, expressions).items()}
         found["tube"] = np.full((1, 1, len(motion.time)), self.tube.radius)
+        own: Mapping[str, Any] = {}
+        if self.own is not None:
+            own = own_variables([motion], own_signals(self.own), self.units, "tracker")
         return {
+            **own,
             "time": motion.time,
             "reference": motion["reference"],
             **fitted(found, _SIGNALS),

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-from wormopt.errors import Fault, SolveError
+from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
 from wormopt.result import NOT_RECHECKED, Check
 from wormopt.study import (
-    Study,
     array,
     arrays,
     attributes,
@@ -27,14 +26,16 @@ from wormopt.study import (
     value,
     warnings,
 )
-from wormopt.study.numerics import Horizon, Start, ToleranceTable
+from wormopt.study.numerics import ToleranceTable
+from wormopt.systems.chain.own_model import own_signals, own_variables
 from wormopt.systems.chain.predictive import (
     DrawnPlants,
     ParameterEstimation,
     PredictiveControl,
     faults_of_nominal,
 )
-from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference, Tube
+from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Tube
+from wormopt.systems.chain.tracking import Tracking
 from wormopt.systems.shared.declared import (
     GAIT,
     JUDGED,
@@ -51,7 +52,7 @@ with on_use():
     from wormopt.control.drive import drive
     from wormopt.control.estimation import places
     from wormopt.control.loop import Reference as Followed
-    from wormopt.control.loop import gait_reference, with_reference
+    from wormopt.control.loop import with_reference
     from wormopt.control.lqr import lqr
     from wormopt.control.predictive import MpcOptions, MpcPlan, MpcRun, run_mpc
     from wormopt.model.gait import Gait
@@ -62,9 +63,8 @@ with on_use():
     from wormopt.simulation.options import Exact, Smooth, Treatment
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain.controllers import numbers_on
-    from wormopt.systems.chain.copies import Draw, drawn_plants, numbers_of
+    from wormopt.systems.chain.copies import Draw, numbers_of
     from wormopt.systems.chain.drawn import Drawn, markdown_table, text_of
-    from wormopt.systems.chain.loops import chain_for, draw_links
     from wormopt.systems.chain.measured import balance, chain_checks, judged, judged_numbers
     from wormopt.systems.chain.predictive import (
         inputs_of,
@@ -75,7 +75,6 @@ with on_use():
     )
     from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
     from wormopt.systems.shared.signals import fitted, sample, simulate_whole
-    from wormopt.systems.spiked import gait_of_shape
 
 OPEN, LQR = "open-loop optimum", "LQR, feed-forward"
 REAL_TIME, CONVERGED = "predictive, real time", "predictive, converged"
@@ -83,7 +82,7 @@ LEARNING = f"{REAL_TIME}, with estimation"
 KNOWN = (f"{OPEN}, plant known", f"{REAL_TIME}, plant known")
 """Names of the controllers, for tables and pictures."""
 SHOWN = ("error_norm", "length", "input", "position")
-"""Signals that are kept of every controller."""
+"""Signals that are kept of every controller; the last one of chains only."""
 
 # Accepted relative excess of the cost of predictive control over the open loop with a true model.
 _AS_GOOD = 1e-6
@@ -159,7 +158,7 @@ class Decisions:
     )
 
 
-class TrackPredictive(Study, kind="track-predictive"):
+class TrackPredictive(Tracking, kind="track-predictive"):
     """Track a gait by model predictive control, with measured computing times.
 
     Predictive control is compared with the open-loop optimum and LQR. The optimal motion over the
@@ -175,9 +174,10 @@ class TrackPredictive(Study, kind="track-predictive"):
     of `[plants]`, which it does not know. `[estimation]` adds a real-time controller that estimates
     their parameters during the motion. The controller "plant known" plans with the true parameters.
 
-    If the plant has the same smooth law as the controller's model, the controller must match the
-    open loop to 1e-6 of its cost: check `as good as the open loop`. Not allowed: friction other
-    than `coulomb` tables; `worm.random`.
+    `[model]` is a plant of your own in place of the chain; it needs linear equations between its
+    input and output, but for contacts, for the LQR. If the plant has the same smooth law as the
+    controller's model, the controller must match the open loop to 1e-6 of its cost: check `as good
+    as the open loop`. Not allowed: friction other than `coulomb` tables; `worm.random`.
 
     Attributes: `controllers`, `parameters` (estimated, by name and number), and `table`, the text
     of `table.md`. Scalars that are lists have an entry for each controller.
@@ -193,58 +193,51 @@ class TrackPredictive(Study, kind="track-predictive"):
         "`estimates`: estimated parameters over the plants' true values",
         default=(),
     )
-    worm: ChainTable = entry("the nominal chain, without `random`")
-    start: Start = entry("initial state", default=Start)
-    reference: Reference = entry("reference of the links")
     tube: Tube = entry("tube that all controllers are judged by")
     predictive: PredictiveControl = entry("predictive controller")
     estimation: ParameterEstimation | None = entry(
         "estimation of parameters during the motion; default: none", default=None
     )
     plants: DrawnPlants | None = entry("plants with drawn parameters; default: none", default=None)
-    time: Horizon
     tolerance: ToleranceTable = entry("tolerance of the simulations", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows."""
-        links, end = self.worm.links, self.time.end
-        yield from self.worm.faults(end, self.units)
-        yield from self.start.faults(links)
-        yield from self.reference.gait.faults(links, self.folder, "reference.gait")
-        yield from self.predictive.faults_in(end, self.units)
+        yield from super().faults_of_keys()
+        yield from self.predictive.faults_in(self.time.end, self.units)
+        if self.estimation is not None and self.model is not None:
+            yield "estimation", "estimates parameters of chains; leave the table out"
+        if self.tube.capture >= self.time.end:
+            yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
+
+    def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
+        """Yield what is not supported of a chain."""
         if self.estimation is not None:
-            yield from self.estimation.faults_in(self.worm)
-        yield from faults_of_nominal(self.worm, "plants")
-        if not all(isinstance(each, CoulombFriction) for each in self.worm.ground):
+            yield from self.estimation.faults_in(worm)
+        yield from faults_of_nominal(worm, "plants")
+        if not all(isinstance(each, CoulombFriction) for each in worm.ground):
             yield "worm.friction", 'is not supported; write tables with kind = "coulomb"'
-        if self.tube.capture >= end:
-            yield "tube.capture", f"is not before time.end = {end:g}; write less"
 
     # -- plants and controllers --------------------------------------------------------------------
 
     @cached_property
-    def gait(self) -> Gait:
-        """The gait that the links follow."""
-        return gait_of_shape(self.reference.gait, self.scene, "reference.gait")
-
-    @cached_property
     def plant(self) -> Model:
         """Nominal plant with the limits of its inputs."""
-        links = draw_links(self.worm, self.time.end)
-        chain = chain_for(self.worm, self.start, links, self.gait)
-        return limited(chain, self.predictive.force)
+        plant, force = self.plant_for(self.gait), self.predictive.force
+        return plant if force is None else limited(plant, force)
 
     @cached_property
     def followed(self) -> Followed:
-        """Reference of the links over time."""
-        shift = self.reference.shift % self.gait.period
-        return gait_reference(self.gait, self.plant.t, shift=shift)
+        """Reference of the output over time."""
+        return self.target(self.plant)
 
     @cached_property
     def draws(self) -> Sequence[Draw]:
         """Parameters of the drawn plants."""
-        drawn = self.plants
-        return drawn_plants(self.plant, drawn.spread, drawn.seed, drawn.members) if drawn else []
+        try:
+            return self.plants.of(self.plant) if self.plants else []
+        except ArgumentError as error:
+            raise SceneError(self.name, [("plants.parameters", str(error))]) from None
 
     @cached_property
     def options(self) -> Mapping[str, MpcOptions | None]:
@@ -441,12 +434,16 @@ class TrackPredictive(Study, kind="track-predictive"):
         """Signals of the nominal plant."""
         motions = [each.motion for each in self.motions.values()]
         models = [motion.system.model for motion in motions]
+        names = SHOWN if self.own is None else SHOWN[:-1]
         sampled = [
-            sample(motion, {name: model[name] for name in SHOWN})
+            sample(motion, {name: model[name] for name in names})
             for motion, model in zip(motions, models, strict=True)
         ]
-        rows = {name: np.array([each[name] for each in sampled]) for name in SHOWN}
-        own = {"time": motions[0].time, "reference": motions[0]["reference"]}
+        rows = {name: np.array([each[name] for each in sampled]) for name in names}
+        own: dict[str, Any] = {}
+        if self.own is not None:
+            own |= own_variables(motions, own_signals(self.own), self.units, "controller")
+        own |= {"time": motions[0].time, "reference": motions[0]["reference"]}
         return own | fitted(rows, _SIGNALS) | gait_arrays(self.gait)
 
     @arrays(_DRAWN, when="plants")

@@ -25,6 +25,7 @@ from wormopt.systems.chain.measured import (
     chain_numbers,
     funnel_checks,
     measure_power,
+    signals_of,
     time_in_tube,
     watch_tube,
 )
@@ -32,7 +33,6 @@ from wormopt.systems.chain.tables import FunnelTracker, Tracker
 from wormopt.systems.shared.proof import CrossCheck, cross_check, one_or_all, warnings_of_motion
 from wormopt.systems.shared.signals import (
     at_ends,
-    chain_expressions,
     event_arrays,
     sample,
     simulate_whole,
@@ -69,7 +69,7 @@ class Tracked:
     @cached_property
     def expressions(self) -> dict[str, ca.SX]:
         """Signals by name."""
-        return chain_expressions(self.motion.system.model) | {
+        return signals_of(self.motion.system.model) | {
             "error_norm": self.loop["error_norm"],
             "tube": ca.SX(tube_radius(self.tracker)),
             "gain": self.gain,

@@ -288,7 +288,7 @@ def _stage(result: Result) -> Page:
 
 def _pose(panel: Panel, frame: int) -> None:
     _scene(panel, frame, 0.0, panel.axes.get_xlim())
-    panel.axes.set_title(f"$t$ = {panel.page['frame'][frame]:.3f} s", loc="left")
+    panel.above(f"$t$ = {panel.page['frame'][frame]:.3f} s")
 
 
 animation = Animation(144, _stage, _pose)

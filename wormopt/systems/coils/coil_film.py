@@ -59,15 +59,17 @@ class CoilFilm(OverCoils, kind="coil-film"):
     pictures: ClassVar = {
         "coil_film": "wormopt.systems.coils.pictures:coil_film",
         "cargo": "wormopt.systems.coils.pictures:cargo",
+        "animation": "wormopt.systems.coils.pictures:animation",
     }
     headline: ClassVar = (
         "carried_per_switch", "thickness_max", "thickness_min", "own_field_left_out", "grid_error",
     )  # fmt: skip
     remedy = "lower switching.ampere_turns, or raise film.top, grid.cells or fluid.viscosity"
 
-    want: tuple[Literal["coil_film", "cargo"], ...] = entry(
+    want: tuple[Literal["coil_film", "cargo", "animation"], ...] = entry(
         "`coil_film`: surface over place and time, at a few times, and the flow; `cargo`: the "
-        "float on the film at a few times, to scale, and its path",
+        "float on the film at a few times, to scale, and its path; `animation`: film, float and "
+        "the coils that are on, as a moving GIF",
         default=(),
     )
     switching: Switching = entry("sequence of active coils")

@@ -47,7 +47,6 @@ with on_use():
 _THIN = 0.1  # wall over radius up to which the stress counts as uniform over the wall
 # Tolerance of logarithms of thicknesses; limits may be exceeded by the same relative amount.
 _ACCEPTED = 1e-7
-_FREE = (-80.0, 80.0)
 _ASSUMED = {
     "free ends": "the ends of the tube are free to shorten, and no stress acts along it; closed "
     "ends that the pressure pulls apart would leave a hoop strain of (1 - nu/2) p R / (E h)"
@@ -154,14 +153,14 @@ class Choice:
             best = high if excess(high) > 0 else root(excess, low, high)
         return math.exp(best), max(excess(best), 0.0)
 
-    def least(self, thinnest: float) -> float:
-        """Return the least thickness in m, from `thinnest` on, within all limits.
+    def least(self) -> dict[str, float]:
+        """Return the least thickness in m for each limit.
 
         It is a closed form and a second route: all limited quantities are proportional to 1 over
         the thickness.
         """
         at_one = self.measures(1.0)
-        return max(thinnest, *(at_one[name] / limit for name, limit in self.limits.items()))
+        return {name: at_one[name] / limit for name, limit in self.limits.items()}
 
     def within(self, thickness: np.ndarray, accepted: float) -> np.ndarray:
         """Return whether thicknesses (m,) meet all limits, up to a share `accepted` of them."""
@@ -278,11 +277,10 @@ class MembraneThickness(SIStudy, kind="membrane"):
         thinnest, thickest = self.thickness
         return math.log(thinnest), math.log(thickest)
 
-    @stage
+    @cached_property
     def needed(self) -> dict[str, float]:
         """Least thickness for each limit alone."""
-        choice = self.choice
-        return {n: choice.widest(_FREE, **{n: limit})[0] for n, limit in choice.limits.items()}
+        return self.choice.least()
 
     @property
     def strictest(self) -> str:
@@ -363,10 +361,11 @@ class MembraneThickness(SIStudy, kind="membrane"):
         """The error if no thickness meets all limits."""
         needed = {name: enough(size, 3, _ACCEPTED / 2) for name, size in self.needed.items()}
         asks = ", ".join(f"{_KEYS[name]} for {size:g} m" for name, size in needed.items())
-        suggestion = f"raise {_KEYS[self.strictest]}"
+        unmet = [name for name in _KEYS if self.needed[name] > self.thickness[1] * (1 + _ACCEPTED)]
+        suggestion = f"raise {' and '.join(_KEYS[name] for name in unmet)}"
         if needed[self.strictest] < self.membrane.radius:
             suggestion += f", or thickness[1] to {needed[self.strictest]:g}"
-        if self.strictest == "loss":
+        if unmet == ["loss"]:
             suggestion += ", or write a shorter lifetime"
         return SolveError(
             f"no thickness up to {self.thickness[1]:g} m meets all limits; each needs at least: "
@@ -387,7 +386,7 @@ class MembraneThickness(SIStudy, kind="membrane"):
         _ACCEPTED, "the best thickness differs by {value:.2g} from the strictest limit's"
     )  # fmt: skip
     def thickness_in_closed_form(self) -> float:
-        return abs(self.thickness_best / self.choice.least(self.thickness[0]) - 1)
+        return abs(self.thickness_best / max(self.thickness[0], *self.needed.values()) - 1)
 
     @facts
     def assumptions(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from wormopt.pictures.page import Page, Panel, edges
+from wormopt.pictures.page import Animation, Page, Panel, edges
 from wormopt.pictures.style import (
     DASHES,
     GLIDE,
@@ -29,6 +29,7 @@ _FRAMES, _AROUND = 5, 2.0  # number of times shown, and lengths of the float sho
 _SORTS = ("", "mean_field_", "block_")
 _NAMES = ("design", "best by the mean field", "best block")
 _WINDING = "#D9A066"
+_OFF, _ON, _WATER = "#EADFCF", "#D98C3F", "#CFE3F3"  # coils without current and with it; the film
 _PHASE = r"phase $\xi = \omega t - k x$ ($\pi$ rad)"
 
 
@@ -185,6 +186,55 @@ def _carried(panel: Panel, k: int, top: float) -> tuple[float, float]:
     panel.axes.set(xlim=ends, ylim=(0, top), ylabel="$z$ (mm)")
     panel.scenery()
     return ends
+
+
+def _stage(result: Result) -> Page:
+    """Draw the row of coils; heights are stretched."""
+    page = Page(result, 2.3, 1.9, _UNITS)
+    panel, x, places = page.panel(), page["x"], page["coil_place"]
+    top = 1.3 * page["thickness"].max() + 3 * _thick(page)
+    panel.axes.set(xlim=(x[0], x[-1]), ylim=(-0.5 * top, top))
+    panel.level(0, color="black", ls="-", lw=1)
+    half, low = 0.4 * np.diff(places).min(), -0.4 * top
+    for place in places:
+        panel.axes.add_patch(Rectangle((place - half, low), 2 * half, -0.75 * low, facecolor=_OFF,
+                                       edgecolor="none"))  # fmt: skip
+    panel.scenery(equal=False)
+    panel.label("position $x$ (mm)", "height $z$ (mm), stretched")
+    panel.axes.set_yticks([tick for tick in panel.axes.get_yticks() if 0 <= tick < top])
+    return page
+
+
+def _pose(panel: Panel, frame: int) -> None:
+    """Draw the film, the float, and the coils that are on, darker with more current."""
+    page, t, x = panel.page, panel.page["time"], panel.page["x"]
+    now = t[0] + (t[-1] - t[0]) * frame / (animation.frames - 1)
+    k = min(int(np.searchsorted(t, now, side="right")) - 1, len(t) - 1)
+    after = min(k + 1, len(t) - 1)
+    share = (now - t[k]) / (t[after] - t[k]) if after > k else 0.0
+    h = (1 - share) * page["thickness"][k] + share * page["thickness"][after]
+    panel.filled(x, h, _WATER, edgecolor=LINKS[0], linewidth=1.0, zorder=2)
+    current, most = np.abs(page["current"][k]), float(np.abs(page["current"]).max()) or 1.0
+    low = panel.axes.get_ylim()[0]
+    half = 0.4 * np.diff(page["coil_place"]).min()
+    for place, strength in zip(page["coil_place"], current / most, strict=True):
+        if strength > 0:
+            box = (place - half, 0.8 * low), 2 * half, -0.6 * low
+            panel.axes.add_patch(Rectangle(*box, facecolor=_ON, alpha=strength, edgecolor="none"))
+    if "float_position" in page:
+        X = (1 - share) * page["float_position"][k] + share * page["float_position"][after]
+        under = X + 500 * page["float"]["length"] * np.linspace(-1, 1, 41)
+        on = np.interp(under, x, h)
+        panel.band(under, on, on + _thick(page), color=MASSES[0], alpha=1, zorder=4)
+    panel.above(f"$t$ = {now:.2f} s")
+
+
+def _thick(page: Page) -> float:
+    """Thickness of the float in mm, 0 without one."""
+    return 1e3 * page["float"]["thickness"] if "float_position" in page else 0.0
+
+
+animation = Animation(144, _stage, _pose)
 
 
 # -- designed currents -----------------------------------------------------------------------------

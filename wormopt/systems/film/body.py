@@ -326,12 +326,11 @@ def carried_body(
     )
 
 
-def mean_velocity(places: np.ndarray, turns: int, times: Sequence[float]) -> float:
-    """Mean velocity of a body over whole turns, as exact as their times.
+def mean_velocity(places: np.ndarray, times: Sequence[float]) -> float:
+    """Mean velocity of a body between two passages of a trough, as exact as their times.
 
-    The wave overtakes the body, or the body the wave: its `places` (2,) at the first and the last
-    of the `times` decide.
+    Its `places` (2,) at the `times` decide how often the wave overtook the body: not at all if it
+    swings in a trough, a negative number if the body overtook the wave.
     """
     took = times[-1] - times[0]
-    ahead = 1.0 if places[-1] - places[0] > took else -1.0
-    return 1 + ahead * 2 * math.pi * turns / took
+    return 1 - 2 * math.pi * round((took - float(np.diff(places)[0])) / (2 * math.pi)) / took

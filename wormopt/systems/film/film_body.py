@@ -151,11 +151,15 @@ class FilmBody(Study, kind="film-body"):
     thousand tolerances. A second route must end at the same state.
     """
 
-    pictures: ClassVar = {"carried": "wormopt.systems.film.pictures:carried"}
+    pictures: ClassVar = {
+        "carried": "wormopt.systems.film.pictures:carried",
+        "animation": "wormopt.systems.film.pictures:animation",
+    }
     headline: ClassVar = ("drift", "drift_massless", "held", "settled", "speed_max")
 
-    want: tuple[Literal["carried"], ...] = entry(
-        "`carried`: the body in the wave, and its velocity", default=()
+    want: tuple[Literal["carried", "animation"], ...] = entry(
+        "`carried`: the body in the wave, and its velocity; `animation`: the body, as a moving GIF",
+        default=(),
     )
     film: Film = entry("film and wave")
     body: Body = entry("the body")
@@ -285,16 +289,27 @@ class FilmBody(Study, kind="film-body"):
             report=self.report,
         )  # fmt: skip
 
-    @scalar("1", "whether the wave carries the body along at the end")
+    @scalar(
+        "1",
+        "whether the wave carries the body along at the end: at rest in the wave, or swinging in "
+        "a trough",
+    )
     def held(self) -> bool:
         end = self.motion.end_time
         late = self.motion.at(np.linspace(end - min(_TURN, end / 2), end, 101))["velocity"][0]
-        return bool(np.all(np.abs(late - 1) < _HELD))
+        return bool(np.all(np.abs(late - 1) < _HELD)) or self.swings
 
     @cached_property
     def overtaken(self) -> list[float]:
         """Times at which troughs pass the body."""
         return [event.time for event in self.motion.events if event.name == "body 0 overtaken"]
+
+    @property
+    def swings(self) -> bool:
+        """Whether the same trough passed twice and has not left the body since."""
+        times = np.array([*self.overtaken[-2:], self.motion.end_time])
+        phases = times - self.motion.at(times)["position"][0]
+        return len(times) == 3 and bool(np.all(np.abs(phases - phases[1]) < math.pi))
 
     @cached_property
     def turns(self) -> np.ndarray:
@@ -346,7 +361,7 @@ class FilmBody(Study, kind="film-body"):
             return None
         times = self.overtaken[-2:]
         places = self.motion.at(np.array(times))["position"][0]
-        return mean_velocity(places, 1, times) * self.film.speed_unit
+        return mean_velocity(places, times) * self.film.speed_unit
 
     @scalar("speed", "mean velocity of the same body without mass, by quadrature")
     def drift_massless(self) -> float:

@@ -124,7 +124,7 @@ class Ridden:
                 found.append(float(last[i] - middle[i]) / (end / 2))
             elif len(times) > 1:
                 places = self.motion.at(np.array([times[0], times[-1]]))["position"][i]
-                found.append(mean_velocity(places, len(times) - 1, times))
+                found.append(mean_velocity(places, (times[0], times[-1])))
             else:
                 found.append(None)
         return found
@@ -236,15 +236,16 @@ class Float(Study, kind="float"):
     pictures: ClassVar = {
         "ride": "wormopt.systems.film.pictures:ride",
         "floats": "wormopt.systems.film.pictures:floats",
+        "animation": "wormopt.systems.film.pictures:animation",
     }
     headline: ClassVar = (
         "float_drift", "float_drift_closed", "float_drift_error", "float_drift_corrected",
         "float_drift_bar",
     )  # fmt: skip
 
-    want: tuple[Literal["floats", "ride"], ...] = entry(
+    want: tuple[Literal["floats", "ride", "animation"], ...] = entry(
         "`floats`: the floats on the wave, and the field (as figure 27 of Zimmermann et al. "
-        "2007); `ride`: paths over the wave",
+        "2007); `ride`: paths over the wave; `animation`: the first, as a moving GIF",
         default=(),
     )
     film: Film = entry("film and wave, without `tension`")

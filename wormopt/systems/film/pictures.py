@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike
 
-from wormopt.pictures.page import Page, Panel
+from wormopt.pictures.page import Animation, Page, Panel
 from wormopt.pictures.style import (
     DASHES,
     GREY,
@@ -28,7 +28,7 @@ from wormopt.pictures.style import (
 from wormopt.result import Result
 
 _TURN = 2 * math.pi
-_WATER = "#CFE3F3"
+_WATER, _FIELD = "#CFE3F3", "#D98C3F"
 _OTHER = (0, (4, 2))
 _PERIODS = 8  # of the wave, in which paths of floats are drawn
 _FRAMES = 4
@@ -282,6 +282,34 @@ def floats(result: Result) -> Figure:
     return page.drawn
 
 
+def _floating(
+    panel: Panel, place: np.ndarray, middles: ArrayLike, lengths: Sequence[float], time: float
+) -> None:
+    """Draw film and bodies at a time; positions and lengths in wavelengths."""
+    page, across, high = panel.page, _depth(panel.page), _high(panel.page)
+
+    def film(x: np.ndarray) -> np.ndarray:
+        return np.interp(_phase(page, time, x), page["xi"], page["height"]) / across
+
+    panel.filled(place, film(place), _WATER, edgecolor=LINKS[0], linewidth=1.3, zorder=1)
+    for i, (middle, length) in enumerate(zip(np.asarray(middles), lengths, strict=True)):
+        half = max(length, _SHORT) / 2
+        under = np.linspace(middle - half, middle + half, 41)
+        low = np.zeros(41) if page.result.attributes.get("on") == "ground" else film(under)
+        order = 3 - length  # short bodies before long bodies
+        panel.band(under, low, low + high, color=MASSES[i], alpha=1, zorder=order)
+
+
+def _depth(page: Page) -> float:
+    """Mean thickness of the film."""
+    return float(np.mean(page["height"][:-1]))
+
+
+def _high(page: Page) -> float:
+    """Height at which bodies are drawn, in thicknesses of the film."""
+    return max(page.result.attributes.get("height", 0.0), _FLAT)
+
+
 def _phase(page: Page, time: float, place: np.ndarray) -> np.ndarray:
     """Phases from 0 to 2 pi of positions in wavelengths."""
     return np.mod(time / _scales(page)[1] - _TURN * place, _TURN)
@@ -293,27 +321,58 @@ def _frames(
     """Film and bodies at the times of the indices; `places` is (body, time)."""
     page = rows[0].page
     places, unit = places / (_TURN * _scales(page)[0]), page.unit("time").replace("1", "")
-    across, attributes = float(np.mean(page["height"][:-1])), page.result.attributes
-    thick = max(attributes.get("height", 0.0), _FLAT)
     place = np.linspace(places[:, at].min() - 1, places[:, at].max() + 1, 801)
     for panel, k in zip(rows, at, strict=True):
         time = float(page["time"][k])
-
-        def film(x: np.ndarray, time: float = time) -> np.ndarray:
-            return np.interp(_phase(page, time, x), page["xi"], page["height"]) / across
-
-        _water(panel, place, film(place))
-        for i, (middle, length) in enumerate(zip(places[:, k], lengths, strict=True)):
-            half = max(length, _SHORT) / 2
-            under = np.linspace(middle - half, middle + half, 41)
-            low = np.zeros(41) if attributes.get("on") == "ground" else film(under)
-            order = 3 - length  # short bodies before long bodies
-            panel.band(under, low, low + thick, color=MASSES[i], alpha=1, zorder=order)
+        _floating(panel, place, places[:, k], lengths, time)
         panel.scenery(equal=False)
         panel.axes.set(xlim=(place[0], place[-1]), ylim=(0, None), ylabel="$h/d$")
         panel.axes.tick_params(labelbottom=panel is rows[-1])
         panel.axes.set_title(f"at {time:.4g} {unit}", loc="left", fontsize="small")
     rows[-1].label("place $x$ (wavelengths)")
+
+
+def _stage_wave(result: Result) -> Page:
+    """Draw the axes around the bodies in the first periods of the wave; heights are stretched."""
+    page = Page(result, 2.3, 1.9)
+    panel, places = page.panel(), _bodies(page)[0]
+    shown = page["time"] <= page["time"][0] + _TURNS * _TURN * _scales(page)[1]
+    places, top = places[:, shown], 1.1 * float(page["height"].max()) / _depth(page) + _high(page)
+    low = -0.6 if "field_squared" in page else -0.05
+    panel.axes.set(xlim=(places.min() - 1, places.max() + 1), ylim=(low, top))
+    panel.level(0, color="black", ls="-", lw=1)
+    panel.scenery(equal=False)
+    panel.axes.set_yticks([tick for tick in panel.axes.get_yticks() if 0 <= tick < top])
+    panel.label("place $x$ (wavelengths)", "$h/d$, stretched")
+    if "field_squared" in page:
+        panel.axes.set_title("orange: the square of the field", loc="right")
+    return page
+
+
+def _pose_wave(panel: Panel, frame: int) -> None:
+    page, t = panel.page, panel.page["time"]
+    now = t[0] + _TURNS * _TURN * _scales(page)[1] * frame / animation.frames
+    place = np.linspace(*panel.axes.get_xlim(), 161)
+    places, lengths = _bodies(page)
+    _floating(panel, place, [np.interp(now, t, row) for row in places], lengths, now)
+    if "field_squared" in page:
+        squared = np.interp(_phase(page, now, place), page["xi"], page["field_squared"])
+        panel.filled(place, 0.45 * squared / page["field_squared"].max() - 0.55, _FIELD, -0.55)
+    unit = page.unit("time").replace("1", "")
+    panel.above(f"$t$ = {now:.2f} {unit}".strip())
+
+
+def _bodies(page: Page) -> tuple[np.ndarray, list[float]]:
+    """Places (body, time) in wavelengths, and lengths."""
+    attributes = page.result.attributes
+    places = page["float_position"] if "float_position" in page else page["position"][None]
+    lengths = np.atleast_1d(
+        attributes["lengths"] if "lengths" in attributes else attributes["length"]
+    )
+    return places / (_TURN * _scales(page)[0]), [float(each) for each in lengths]
+
+
+animation = Animation(144, _stage_wave, _pose_wave)
 
 
 # -- the best wave ---------------------------------------------------------------------------------
@@ -411,6 +470,37 @@ def forward(result: Result) -> Figure:
         tension_number="surface tension $W$", growth_rate_max="largest growth rate",
     )  # fmt: skip
     return page.drawn
+
+
+def _stage_forward(result: Result) -> Page:
+    """Draw the prescribed film, and the field below; heights are stretched."""
+    page = Page(result, 2.3, 1.9)
+    panel, top = page.panel(), 1.1 * float(page["thickness"].max())
+    xi, field = _closed(page, "field_pressure")
+    low, least, most = -0.5 * top, float(field.min()), float(field.max()) or 1.0
+    share = (field - least) / ((most - least) or 1.0)
+    panel.filled(xi, low * (0.9 - 0.75 * share), _FIELD, 0.9 * low)
+    if "thickness_wave" in page:
+        panel.curve(*_closed(page, "thickness_wave"), color="black", ls=DASHES[1], lw=1, zorder=4)
+    panel.level(0, color="black", ls="-", lw=1)
+    panel.scenery(equal=False)
+    panel.axes.set(xlim=(0, 2), ylim=(low, top))
+    panel.axes.set_yticks([tick for tick in panel.axes.get_yticks() if 0 <= tick < top])
+    panel.axes.set_title("dashed: the prescribed film; orange: $H^2$", loc="right")
+    panel.label(r"phase $\xi$ ($\pi$ rad)", "thickness $h$")
+    return page
+
+
+def _pose_forward(panel: Panel, frame: int) -> None:
+    page, t = panel.page, panel.page["time"]
+    now = t[0] + (t[-1] - t[0]) * frame / (animation_of_film.frames - 1)
+    h = np.array([np.interp(now, t, column) for column in page["thickness"].T])
+    xi = np.append(page["xi"] / math.pi, 2.0)
+    panel.filled(xi, np.append(h, h[0]), _WATER, edgecolor=LINKS[0], linewidth=1.3, zorder=2)
+    panel.above(f"{now / _TURN:.2f} periods")
+
+
+animation_of_film = Animation(120, _stage_forward, _pose_forward)
 
 
 def _closed(page: Page, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -91,7 +91,10 @@ def shortest_transition(
     for task in tasks:
         if task.bound == 0.0:
             return Transition(task.leaves, task.enters, task.resting, (), complete=True)
-        longest = _LONGEST * task.bound if best is None else best[0] * (1 - _FOUND)
+        # where forces limit the motion, the bound by the links alone may be far too short
+        longest = max(_LONGEST * task.bound, before.period, after.period)
+        if best is not None:
+            longest = best[0] * (1 - _FOUND)
         if task.bound >= longest or tried >= most:
             break
         solve = partial(programs.solve, task)

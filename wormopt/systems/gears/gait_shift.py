@@ -428,13 +428,13 @@ class GaitShift(Study, kind="gait-shift"):
 
     @cached_property
     def route(self) -> Ground:
-        """The ground along the route."""
+        """The ground along the route, from its start on: digits of a far start are not needed."""
         given, count = self.ground, len(self.ground.place)
         gravity = GRAVITY if given.gravity is None else given.gravity
         pull = self.masses[0] * gravity * np.sin(per(given.slope, count))
         drag = self.worm.drag if given.drag is None else given.drag
         return Ground(
-            np.array(given.place),
+            np.array(given.place) - self.way.start,
             pull + np.array(per(given.load, count)),
             np.array(per(drag, count)),
             np.array(per(given.towed, count)),
@@ -473,7 +473,7 @@ class GaitShift(Study, kind="gait-shift"):
     @cached_property
     def first(self) -> int:
         """Fastest gear that the supervisor would keep at the start."""
-        load = self.load_at(np.array([self.way.start]))[0]
+        load = self.load_at(np.zeros(1))[0]
         share = self.load_limits.times(self.supervisor.down)
         bears = [min(gear.bears(share)) >= load for gear in self.box.gears]
         return max((k for k, fine in enumerate(bears) if fine), default=0)
@@ -483,24 +483,30 @@ class GaitShift(Study, kind="gait-shift"):
         return self.route.at("load", place) + self.route.at("towed", place) / len(self.masses)
 
     def begin(self, gear: int) -> np.ndarray:
-        """Positions of the masses at time 0, (n+1,)."""
+        """Positions of the masses at time 0, (n+1,), from the start on."""
         place = -np.concatenate([[0.0], np.cumsum(self.box.gears[gear].lengths[0])])
-        return place - place.mean() + self.way.start
+        return place - place.mean()
+
+    @property
+    def distance(self) -> float:
+        """Distance from the start to the goal."""
+        return self.way.goal - self.way.start
 
     @property
     def longest(self) -> float:
-        """Longest simulated time."""
-        return _PATIENCE * (self.way.goal - self.way.start) / self.box.gears[0].speed
+        """Longest simulated time; it has a cycle more, since cycles may begin slowly."""
+        slowest = self.box.gears[0]
+        return _PATIENCE * (self.distance / slowest.speed + slowest.period)
 
     @property
     def departure(self) -> dict[str, Any]:
         """Gear, place and goal of the simulations."""
-        return {"gear": self.first, "begin": self.begin(self.first), "goal": self.way.goal}
+        return {"gear": self.first, "begin": self.begin(self.first), "goal": self.distance}
 
     def walk(self, gear: int, choose: Choose) -> Walk:
         """Travel from a cycle of a gear, with rows selected by `choose`."""
-        row, goal = self.box.first_row(gear), self.way.goal
-        return walk(self.box, self.route, self.begin(gear), row, choose, goal, self.longest)
+        begin, row = self.begin(gear), self.box.first_row(gear)
+        return walk(self.box, self.route, begin, row, choose, self.distance, self.longest)
 
     @stage
     def motion(self) -> Trajectory:
@@ -529,9 +535,8 @@ class GaitShift(Study, kind="gait-shift"):
 
     @stage
     def best(self) -> Schedule:
-        way = self.way
         return best_schedule(
-            self.box, self.route, self.load_limits, way.start, way.goal, self.first,
+            self.box, self.route, self.load_limits, 0.0, self.distance, self.first,
             report=self.report,
         )  # fmt: skip
 
@@ -603,13 +608,13 @@ class GaitShift(Study, kind="gait-shift"):
             time=motion.end_time,
             shifts=len(changes),
             shift_times=again.time[changes],
-            shift_places=again.place[changes].mean(axis=1),
+            shift_places=again.place[changes].mean(axis=1) + self.way.start,
             shift_gears=gear[changes],
             spike_load_max=motion.largest("spike_load"),
             actuator_force_max=motion.largest("actuator_force"),
             spike_total_min=again.total.min(),
             stroke_time=again.time[:-1],
-            stroke_place=place,
+            stroke_place=place + self.way.start,
             stroke_gear=gear,
             stroke_shifting=np.array([rows[k].shifting for k in again.row], dtype=np.int32),
             stroke_load=self.load_at(place),
@@ -619,7 +624,7 @@ class GaitShift(Study, kind="gait-shift"):
 
     @parts(Comparison)
     def comparison(self) -> Comparison:
-        limits, way, walked = self.load_limits, self.way, self.best_walk
+        limits, walked = self.load_limits, self.best_walk
         alone = [
             one.arrival
             if one.spike.max() <= limits.spike * (1 + KEPT)
@@ -632,13 +637,13 @@ class GaitShift(Study, kind="gait-shift"):
         return Comparison(
             best_time=self.best.time,
             efficiency=self.best.time / self.motion.end_time,
-            ideal_time=ideal_time(self.box, self.route, limits, way.start, way.goal),
+            ideal_time=ideal_time(self.box, self.route, limits, 0.0, self.distance),
             fixed_time=min((each for each in alone if each is not None), default=None),
             fixed_times=alone,
             fixed_spike_loads=[one.spike.max() for one in self.fixed],
             best_shifts=int(np.count_nonzero(np.diff(gear))),
             best_stroke_time=walked.time[:-1],
-            best_stroke_place=walked.place[:-1].mean(axis=1),
+            best_stroke_place=walked.place[:-1].mean(axis=1) + self.way.start,
             best_stroke_gear=gear,
             best_stroke_spike_load=walked.spike,
         )
@@ -658,7 +663,7 @@ class GaitShift(Study, kind="gait-shift"):
             adaptive_error_max=motion.largest("error_norm"),
             adaptive_gain=float(sampled["gain"][0, -1]),
             adaptive_sample=sampled.time,
-            adaptive_place=sampled["position"].mean(axis=0),
+            adaptive_place=sampled["position"].mean(axis=0) + self.way.start,
             adaptive_gear=gear.astype(np.int32),
             adaptive_error=sampled["error_norm"][0],
         )

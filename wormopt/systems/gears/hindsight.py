@@ -101,11 +101,20 @@ def best_schedule(
                 heappush(queue, (then, len(came) - 1, -1, goal))
             else:
                 heappush(queue, (then, len(came) - 1, edge.end, there))
-    raise SolveError(
-        "no schedule of the gears meets the limits on this route",
+    lightest = float((ground.at("load", places) + ground.at("towed", places) / len(box.mass)).min())
+    glides = [f"{each.name} below {each.least:.4g}" for each in box.gears if each.least > lightest]
+    reason = "no schedule of the gears meets the limits on this route"
+    advice = (
         "increase limits.spike_load and limits.actuator_force, or add a gear with more resting "
-        "masses",
+        "masses"
     )
+    if glides:
+        reason += (
+            f", with a load of {lightest:.4g} on each mass at the lightest place; gears glide: "
+            f"{', '.join(glides)}"
+        )
+        advice = f"give these gears longer periods; or {advice}"
+    raise SolveError(reason, advice)
 
 
 def _edge_rows(box: GearBox, first: int, nodes: set[int]) -> tuple[int, ...]:

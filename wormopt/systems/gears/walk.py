@@ -100,7 +100,7 @@ class Walk:
     row: np.ndarray  # (strokes,) rows of the table
     time: np.ndarray  # (strokes + 1,) start times, and the end
     place: np.ndarray  # (strokes + 1, n+1) of the masses at these times
-    total: np.ndarray  # (strokes,) smallest total load of all spikes
+    total: np.ndarray  # (strokes,) smallest total load of all spikes, until the arrival
     spike: np.ndarray  # (strokes,) largest load of a spike
     actuator: np.ndarray  # (strokes,) largest actuator force
     arrival: float  # time at which the mean of the masses reaches the goal; inf if it does not
@@ -133,23 +133,26 @@ def walk(
     """Travel from positions `begin` (n+1,) until the mean reaches `goal`, or to time `longest`."""
     rows, times, places = [], [0.0], [begin]
     least, spikes, forces = [], [], []
-    number, now = first, 0.0
-    while places[-1].mean() < goal and now < longest:
+    number, now, arrival = first, 0.0, np.inf
+    while np.isinf(arrival) and now < longest:
         row = box.rows[number]
-        s = row.stroke.duration * _LOOKS
+        span, left = row.stroke.duration, goal - float(places[-1].mean())
+        if row.stroke.way.mean() >= left:
+            span = row.stroke.until(left)
+            arrival = now + span
+        s = span * _LOOKS
         found = loads(box.mass, ground, row.stroke, s, places[-1])
         least.append(found.total.min())
         spikes.append(found.spike.max())
         forces.append(np.abs(found.actuator).max())
         count = len(_NODES)
         measured = np.array([found.total[:count], (found.actuator[:, :count] ** 2).sum(axis=0)])
-        spike, force = row.stroke.duration / 2 * measured @ _WEIGHTS
+        spike, force = span / 2 * measured @ _WEIGHTS
         rows.append(number)
         now += row.stroke.duration
         times.append(now)
         places.append(places[-1] + row.stroke.way)
         number = choose(Done(row, number, now, float(spike), float(force)))
-    arrival = _arrival(box.rows[rows[-1]], times, places, goal) if rows else 0.0
     return Walk(
         np.array(rows, dtype=int),
         np.array(times),
@@ -159,13 +162,6 @@ def walk(
         np.array(forces),
         arrival,
     )
-
-
-def _arrival(last: Row, times: list[float], places: list[np.ndarray], goal: float) -> float:
-    """Time at which the goal is reached within the last stroke."""
-    if places[-1].mean() < goal:
-        return np.inf
-    return times[-2] + last.stroke.until(goal - float(places[-2].mean()))
 
 
 class Supervised:

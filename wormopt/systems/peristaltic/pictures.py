@@ -239,7 +239,10 @@ def _stage_worm(result: Result) -> Page:
     page = Page(result, 2.1, 1.6, _UNITS)
     half = 1.9 * page.length("radius")
     chosen = _instants(page, animation_of_worm.frames, cycles=2)
-    _frame(page.panel(), _reach(page, chosen), (-half, half))
+    panel = page.panel()
+    _frame(panel, _reach(page, chosen), (-half, half))
+    text = f"deformation and displacement enlarged {number(_times(page))} times"
+    panel.axes.set_title(wrapped(text, 0.7 * room(1)), loc="right")
     return page
 
 
@@ -247,8 +250,7 @@ def _pose_worm(panel: Panel, frame: int) -> None:
     page = panel.page
     instant = int(_instants(page, animation_of_worm.frames, cycles=2)[frame])
     _draw_worm(panel, instant, 0.0, panel.axes.get_xlim())
-    text = f"$t$ = {page['time'][instant]:.2f} s; deformation and displacement enlarged"
-    panel.axes.set_title(wrapped(f"{text} {number(_times(page))} times", room(1)), loc="left")
+    panel.above(f"$t$ = {page['time'][instant]:.2f} s")
 
 
 animation_of_worm = Animation(144, _stage_worm, _pose_worm)

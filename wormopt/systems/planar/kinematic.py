@@ -258,8 +258,6 @@ class KinematicMotion:
         Its pose over the stroke.
     condition : float
         Largest condition number of the constraints over the stroke.
-    worst_phase : float
-        Phase of that condition number.
     contradiction : float
         Largest residual velocity of a constraint, over the fastest one from the shape alone.
     """
@@ -269,7 +267,6 @@ class KinematicMotion:
     phases: tuple[Phase, ...]
     course: Travel
     condition: float
-    worst_phase: float
     contradiction: float
 
     @property
@@ -347,7 +344,7 @@ def kinematic_motion(
     parts = _checked(shape, stroke, phases)
     breaks = np.union1d(stroke.breaks, [part.until for part in parts])
     breaks = breaks[np.concatenate([[True], np.diff(breaks) > 1e-14])]
-    condition, where = _worst(shape, stroke, parts, breaks)
+    condition = _worst(shape, stroke, parts, breaks)
     worst = [0.0]
 
     def twists(tau: np.ndarray) -> np.ndarray:
@@ -358,7 +355,7 @@ def kinematic_motion(
         return found.twist
 
     course = travel(twists, breaks)
-    return KinematicMotion(shape, stroke, parts, course, condition, where, worst[0])
+    return KinematicMotion(shape, stroke, parts, course, condition, worst[0])
 
 
 def _checked(
@@ -401,11 +398,9 @@ def _held(
     return all_of, s
 
 
-def _worst(
-    shape: Shape, stroke: Stroke, parts: Sequence[Phase], breaks: np.ndarray
-) -> tuple[float, float]:
-    """Return the largest condition number and its phase; refuse singular shapes."""
-    worst, where = 0.0, 0.0
+def _worst(shape: Shape, stroke: Stroke, parts: Sequence[Phase], breaks: np.ndarray) -> float:
+    """Return the largest condition number; refuse singular shapes."""
+    worst = 0.0
     for a, b in pairwise(breaks):
         part = parts[_which(parts, np.array([(a + b) / 2]))[0]]
 
@@ -417,9 +412,8 @@ def _worst(
         tau, least = _least(inverse, a, b)
         if least <= SINGULAR:
             raise singular_error(shape, stroke.at(tau)[0][0], part.constraints)
-        if 1 / least > worst:
-            worst, where = 1 / least, tau
-    return worst, where
+        worst = max(worst, 1 / least)
+    return worst
 
 
 def _least(inverse: Callable[[np.ndarray], np.ndarray], a: float, b: float) -> tuple[float, float]:

@@ -42,7 +42,7 @@ from wormopt.study.numerics import (
 )
 from wormopt.study.types import per
 from wormopt.systems.planar.obstacles import Disc, Wall
-from wormopt.systems.planar.tables import MassGround, Row, Vector
+from wormopt.systems.planar.tables import EllipticGround, MassGround, Row, Vector
 from wormopt.systems.shared.declared import EVENTS, STEPS
 
 with on_use():
@@ -58,6 +58,7 @@ with on_use():
         Yielding,
         closed_link,
         energy_error,
+        energy_stopped,
         gaps_at_start,
         let_give_way,
         longest_way,
@@ -66,6 +67,7 @@ with on_use():
         step_again,
         stepper_of,
         swing,
+        unwrapped,
         watch_links,
     )
     from wormopt.systems.planar.shape import Harmonics
@@ -91,6 +93,7 @@ _MEAN, _COSINE, _SINE = (
 _STIFFER = 1000.0  # default stiffness of obstacles over the largest of links
 _FOLDED = 3.1  # a joint angle above this counts as folded
 _CLOSED = 1e-3  # a link shorter than this share of the usual length has closed up
+_STEEP = 100.0  # resistance sideways over forward from which ellipses may need very many steps
 # Softening of obstacles, and the accepted change of the end: estimates the error to rigid ones.
 _SOFTER, _YIELDING = 0.25, 0.02
 # A mass pressed against a compliant obstacle slips as slowly as the forces change, and its
@@ -475,6 +478,15 @@ class PlanarMotion(Study, kind="planar-motion"):
         steps = min(tolerance.max_steps, _STEPS_AT_OBSTACLES)
         return replace(tolerance, max_steps=steps, stop=_STOP_AT_OBSTACLES)
 
+    @property
+    def steep(self) -> str:
+        """Advice if a resistance sideways is so large that the ellipse makes the motion stiff."""
+        grounds = self.ground if isinstance(self.ground, tuple) else (self.ground,)
+        ellipses = [each.numbers for each in grounds if isinstance(each, EllipticGround)]
+        if all(aside < _STEEP * ahead for ahead, _, aside in ellipses):
+            return ""
+        return 'ground.sideways is many times ground.forward; write law = "skid" or "box", or less'
+
     @stage
     def motion(self) -> Trajectory:
         worm, drive, plain = self.worm, self.actuation, self.build
@@ -496,6 +508,8 @@ class PlanarMotion(Study, kind="planar-motion"):
             advice = error.suggestion
             if self.obstacles and error.code == "too_many_steps":
                 advice = "masses stop too slowly at obstacles; write a smaller obstacle_stiffness"
+            elif self.steep and error.code in ("too_many_steps", "step_too_small"):
+                advice = self.steep
             raise SolveError(error.reason, advice, _sampled(error.partial), error.code) from None
         except Interrupted as stop:
             raise Interrupted(_sampled(stop.partial)) from None
@@ -542,9 +556,8 @@ class PlanarMotion(Study, kind="planar-motion"):
             tolerance=self.accuracy,
             report=self.report,
         )
-        places = self.motion["position"]
-        off = np.abs(again["position"][:, -1] - places[:, -1]).max()
-        return float(off / longest_way(places, softer.x[0].nominal))
+        off = np.abs(again["position"][:, -1] - self.motion["position"][:, -1]).max()
+        return float(off / longest_way(self.motion))
 
     # -- results -----------------------------------------------------------------------------------
 
@@ -628,7 +641,7 @@ class PlanarMotion(Study, kind="planar-motion"):
         if stepped := self.stepped:
             yield Check(
                 "second route, order",
-                stepped.fine / max(stepped.coarse, stepped.rounding, _NOISE),
+                stepped.fine / max(stepped.coarse, stepped.rounding / _ORDER, _NOISE),
                 _ORDER,
                 "the second route does not converge at its order; a motion this sensitive is not "
                 "reliable",
@@ -680,10 +693,12 @@ def signals_of(motion: Trajectory) -> Signals:
     links, joints = len(motion["length"]), len(motion["angle"])
     walls, masses = "wall_work" in motion.names, len(ground) // 2
     works = {name: motion[f"{name}_work"][0] for name in ("input", "torque", "ground", "damping")}
+    # the first instant has no duration, and forces without bound no power in it
+    works["ground"] = works["ground"] - works["ground"][0] - energy_stopped(motion, "energy")
     return Signals(
         x=motion["position"][::2],
         y=motion["position"][1::2],
-        heading=np.unwrap(motion["heading"], axis=1),
+        heading=unwrapped(motion, "heading"),
         speed=motion["speed"],
         resting=resting_masses(motion).astype(float),
         ground_x=ground[::2],
@@ -710,15 +725,15 @@ def signals_of(motion: Trajectory) -> Signals:
 
 def numbers_of(motion: Trajectory, over_time: Signals) -> Numbers:
     """Return displacement and works of the motion."""
-    center, looks = motion["center_of_mass"], np.unwrap(motion["heading"][0])
+    center, looks = motion["center_of_mass"], over_time.heading[0]
     way = center[:, -1] - center[:, 0]
     return Numbers(
         x_way=float(way[0]),
         y_way=float(way[1]),
         distance=float(np.hypot(*way)),
         turn=float(looks[-1] - looks[0]),
-        angle_max=float(np.abs(motion["angle"]).max(initial=0.0)),
-        length_min=float(motion["length"].min()),
+        angle_max=motion.largest("angle") if over_time.angle is not None else 0.0,
+        length_min=1 / motion.largest(1 / motion.system.model["length"]),
         actuator_work=float(over_time.work_actuator[-1]),
         ground_work=float(over_time.work_ground[-1]),
         damping_work=float(over_time.work_damping[-1]),

@@ -7,20 +7,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-from wormopt.errors import Fault, SceneError, SolveError
-from wormopt.quantities import Scalar, unit_of
-from wormopt.result import Check
+from wormopt.errors import Fault, SceneError
 from wormopt.study import (
     Given,
-    arrays,
-    checks,
     entry,
     facts,
     number,
     on_use,
     parts,
-    scalar,
-    scalars,
     signal,
     stage,
     value,
@@ -28,13 +22,11 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import PerMass, Positive, Seed
+from wormopt.systems.recorded.believed_design import BelievedDesign
 from wormopt.systems.recorded.recordings import RecordingFile, Run, read_all, run_of
 from wormopt.systems.recorded.tables import named_twice
-from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.shared.studies import refused_at
 from wormopt.systems.spiked import (
-    DESIGN_SCALARS,
-    MOTION_VARIABLES,
     DesignTable,
     Objective,
     Shape,
@@ -50,22 +42,10 @@ with on_use():
     from wormopt.fitting.unknowns import Unknown
     from wormopt.systems.spiked import (
         Believed,
-        Crawl,
-        Design,
-        DesignReport,
-        Robust,
-        Search,
-        design_believed,
-        designed,
         driven_worm,
         gait_of_shape,
-        load_band,
-        of_design,
-        on_plant,
-        with_keys,
     )
 
-_ACCEPTED = 1e-9  # share by which a limit on the plant may be exceeded
 _FORCES = ("actuator_force", "spike_load")
 # Signals that depend on mass, drag and load even while spikes hold the worm.
 _NO_FORCE = (
@@ -132,48 +112,7 @@ class Estimates:
     fitted_force: np.ndarray = signal("force", "link reading", "fitted actuator forces")
 
 
-@dataclass(frozen=True)
-class Band:
-    """Load of a resting spike over a cycle, and its worst-case error."""
-
-    band_time: np.ndarray = signal("time", "band", "times in a cycle")
-    band_load: np.ndarray = signal("force", "band", "load of a resting spike with the estimates")
-    band_error: np.ndarray = signal("force", "band", "worst-case error of this load")
-
-
-@dataclass(frozen=True)
-class OnPlant:
-    """Motion of the gait on the real worm, compared with the best gait for that worm."""
-
-    motion: Crawl
-    plant_speed: float = value("speed", "with `[plant]`: speed of the gait there")
-    plant_spike_load_max: float = value(
-        "force", "with `[plant]`: largest spike load of the gait there"
-    )
-    plant_spike_load_bold: float = value(
-        "force",
-        "with `[plant]`: largest spike load there of the gait that assumes exact estimates",
-    )
-    plant_best: float = value(
-        "speed", "with `[plant]`: speed of the gait designed for its parameters"
-    )
-    plant_share: float = value("share", "with `[plant]`: `plant_speed` divided by `plant_best`")
-    plant_distance: float = value(
-        "1",
-        "with `[plant]`: distance of its parameters from the estimates, in standard errors; "
-        "within `reach` the limits are guaranteed",
-    )
-    plant_time: np.ndarray = signal("time", "plant", "with `[plant]`: times in a cycle")
-    plant_load: np.ndarray = signal("force", "plant", "with `[plant]`: largest spike load there")
-    bold_time: np.ndarray = signal(
-        "time", "bold", "with `[plant]`: times in a cycle of the bold gait"
-    )
-    bold_load: np.ndarray = signal(
-        "force", "bold", "with `[plant]`: largest spike load of the bold gait there"
-    )
-
-
-class FitDesign(DesignTable, kind="fit-design"):
+class FitDesign(DesignTable, BelievedDesign, kind="fit-design"):
     """Design a gait whose limits hold for a worm with fitted parameters.
 
     Masses, drag and load are fitted to recordings of a crawl with known gaits. The gait is then
@@ -322,149 +261,30 @@ class FitDesign(DesignTable, kind="fit-design"):
         covariance[np.ix_(at, at)] = fitted.covariance
         freedom = fitted.task.count - len(at) if fitted.estimated else np.inf
         mass = tuple(numbers[:-2].tolist())
-        return Believed(mass, float(numbers[-2]), float(numbers[-1]), covariance, freedom)
+        drag, load = numbers[-2:].tolist()
+        return Believed.of_one_load(mass, drag, load, covariance, freedom)
 
     @parts(Estimates)
     def estimates(self) -> Estimates:
         return estimates_of(self.fitting, self.believed)
 
-    @property
-    def converged(self) -> bool:
-        """Whether the fit converged; else there is no design."""
-        return self.fitting.converged
-
-    # -- the design --------------------------------------------------------------------------------
-
-    @stage
-    def design(self) -> Robust:
-        objective, search = self.objective, self.search
-        believed = self.believed
-        try:
-            return design_believed(
-                believed, self.limits, objective, self.confidence, search, self.report
-            )
-        except SolveError as error:
-            raise with_keys(error, self) from None
-
-    @stage
-    def second_route(self) -> DesignReport:
-        return of_design(self, self.design.design)
-
-    @scalars(
-        DESIGN_SCALARS
-        | {"objective": ("speed", "objective reached, in its quantity, recomputed from the gait")},
-        when="converged",
-    )
-    def numbers(self) -> Mapping[str, Any]:
-        design: Design = self.design.design
-        quantity = design.task.objective.quantity
-        reached = Scalar(design.value, unit_of(quantity, self.units))
-        return self.second_route.scalars | {"objective": reached}
-
-    @arrays(MOTION_VARIABLES | GAIT, when="converged")
-    def signals(self) -> Mapping[str, Any]:
-        return self.second_route.variables
-
-    @scalar(
-        "share",
-        "confidence that all limits hold at all times, if the model is correct",
-        when="converged",
-        name="confidence",
-    )
-    def confidence_of_limits(self) -> float:
-        _ = self.design  # without a design there are no limits to hold
-        return self.confidence
-
-    @scalar("1", "size of the confidence ellipsoid, in standard errors", when="converged")
-    def reach(self) -> float:
-        return self.design.reach
-
-    @scalar("force", "half the range of loads for which the gait is designed", when="converged")
-    def load_width(self) -> float:
-        return self.design.width
-
-    @scalar("force", "half range equivalent to the worst parameter errors", when="converged")
-    def load_width_needed(self) -> float:
-        return self.design.needed
-
-    @scalar("speed", "speed of the optimal gait if the estimates were exact", when="converged")
-    def speed_if_known(self) -> float:
-        return self.design.nominal.speed
-
-    @parts(Band, when="converged")
-    def band(self) -> Band:
-        return Band(*load_band(self.design.design, self.believed, self.design.reach))
-
     # -- the test on the plant ---------------------------------------------------------------------
 
     @property
-    def is_tested(self) -> bool:
-        """Whether the gait is tested on the real worm."""
-        return self.plant is not None and self.converged
-
-    @property
-    def plant_worm(self) -> Worm:
+    def plant_worm(self) -> Worm | None:
         """The real worm, if it is given."""
-        assert self.plant is not None
+        if self.plant is None:
+            return None
         return Worm(self.worm.links, self.plant.mass, self.plant.drag, self.plant.load)
 
-    @stage
-    def best_on_plant(self) -> Design:
-        nominal = self.design.nominal
-        known = Search(sequence=nominal.sequence, workers=self.search.workers)
-        return designed(nominal.task.vary(worm=self.plant_worm), known, self.report)
-
-    @parts(OnPlant, when="is_tested")
-    def test_on_plant(self) -> OnPlant:
+    @property
+    def plant_numbers(self) -> np.ndarray:
+        """Parameters of the real worm, in the order of `Believed.numbers`."""
         plant = self.plant_worm
-        motion, bold = (on_plant(one, plant) for one in (self.design.design, self.design.nominal))
-        best = self.best_on_plant
-        return OnPlant(
-            motion=motion,
-            plant_speed=motion.speed,
-            plant_spike_load_max=motion.extremes("reaction")[1].max(),
-            plant_spike_load_bold=bold.extremes("reaction")[1].max(),
-            plant_best=best.speed,
-            plant_share=motion.speed / best.speed,
-            plant_distance=self.believed.distance(
-                np.array([*plant.masses, plant.drag, plant.load_range[0]])
-            ),
-            plant_time=motion.time,
-            plant_load=motion["reaction"].max(axis=0),
-            bold_time=bold.time,
-            bold_load=bold["reaction"].max(axis=0),
-        )
+        assert plant is not None
+        return np.array([*plant.masses, plant.drag, *[plant.load_range[0]] * len(plant.masses)])
 
     # -- trust -------------------------------------------------------------------------------------
-
-    @checks
-    def verdicts(self) -> Iterator[Check]:
-        fitted = self.fitting
-        if not fitted.converged:
-            advice = f"the fit did not converge: {fitted.reason}"
-            yield Check("fit", fitted.offset, 0.0, advice, passed=False)
-            return
-        yield from self.second_route.checks
-        if self.is_tested:
-            yield from self._checks_of_plant(self.test_on_plant.motion)
-
-    def _checks_of_plant(self, motion: Crawl) -> Iterator[Check]:
-        limits: dict[str, Any] = {
-            "spike_load": ("reaction", self.gait.spike_load),
-            "actuator_force": ("actuator_force", self.gait.actuator_force),
-        }
-        for key, (name, most) in limits.items():
-            if most is None:
-                continue
-            low, high = motion.extremes(name)
-            over = float(np.max(np.maximum(np.abs(low), np.abs(high)) / np.asarray(most))) - 1.0
-            advice = (
-                f"on the plant gait.{key} is exceeded by {over:.2g} of its value: the plant's "
-                "parameters lie outside the ellipsoid, or the model does not describe the plant"
-            )
-            yield Check(f"gait.{key} on the plant", max(over, 0.0), _ACCEPTED, advice)
-        glides = float(len(motion.glides))
-        yield Check("glides on the plant", glides, 0.0, "the worm glides on the plant")
 
     @warnings
     def doubts(self) -> Iterator[str]:
@@ -490,19 +310,12 @@ class FitDesign(DesignTable, kind="fit-design"):
                 "left_out": {r.recording.name: [*r.left_out] for r in self.reading if r.left_out},
             }
         }
-        if not fitted.converged:
-            return found
-        rule = (
-            "Scheffe: with this confidence all parameters lie in one ellipsoid, and all limits "
-            "hold at all times for all parameters in it, if the model is correct"
-        )
-        robust = {"rule": rule, "designs": self.design.rounds}
-        return found | self.second_route.facts | {"robust": robust}
+        return {**found, **self.robust_facts} if fitted.converged else found
 
 
 def estimates_of(fitted: Fit, believed: Believed) -> Estimates:
     """Collect estimates, and recorded and fitted actuator forces."""
-    errors = np.sqrt(np.diag(believed.covariance))
+    errors, masses = np.sqrt(np.diag(believed.spread)), len(believed.mass)
     runs, motions = fitted.task.runs, fitted.task.motions(fitted.theta)
     forces = [motion["actuator_force"] for motion in motions]
     read = [
@@ -512,10 +325,10 @@ def estimates_of(fitted: Fit, believed: Believed) -> Estimates:
     of_run = [np.full(len(run.times), k, dtype=np.int32) for k, run in enumerate(runs)]
     return Estimates(
         mass_found=list(believed.mass),
-        mass_error=errors[:-2].tolist(),
+        mass_error=errors[:masses].tolist(),
         drag_found=believed.drag,
-        drag_error=float(errors[-2]),
-        load_found=believed.load,
+        drag_error=float(errors[masses]),
+        load_found=believed.load[0],
         load_error=float(errors[-1]),
         n_readings=fitted.task.count,
         reading_time=np.concatenate([run.times for run in runs]),

@@ -46,6 +46,7 @@ class Columns:
     values: dict[str, Sequence[float]]
     units: dict[str, str] = field(default_factory=dict)  # of columns that have one, of time as ""
     texts: frozenset[str] = frozenset()  # columns of text, whose values are all NaN
+    wrapped: Mapping[str, int] = field(default_factory=dict)  # see TextTable
 
 
 def read_columns(path: Path, time: str) -> Columns:
@@ -85,7 +86,8 @@ def _read(path: Path, time: str, wrong: list[Wrong]) -> Columns | None:
     instants = values.pop(time)
     if not wrong:
         _check_times(table.lines, instants, time, wrong)
-    return Columns(instants, values, units | {"": units.pop(time, "")}, table.texts)
+    units[""] = units.pop(time, "")
+    return Columns(instants, values, units, table.texts, table.wrapped)
 
 
 def _check_times(
@@ -391,6 +393,12 @@ def run_of(
         what = "contains no reading of a state or output; name its columns"
         raise SceneError(table.file, [("file", what)])
     own, warnings = model, places.guesses(seen, time[kept], values)
+    warnings += (
+        f"negative numbers of column {column} are written as unsigned ones of {bits} bits: "
+        f"2^{bits} is subtracted from them"
+        for column, bits in columns.wrapped.items()
+        if column in seen or column in driven
+    )
     if driven:
         courses = places.rows(driven, columns)
         warnings += places.guesses(driven, time, courses)

@@ -46,8 +46,8 @@ SceneTables = Annotated[
     says(
         "",
         "a scene: `scene`, a file or a packaged scene, with other keys that change it; or `kind` "
-        "with all its tables. Your own model is a scene of kind `simulate` with "
-        '`model = "my_worm.py:build"`',
+        'with all its tables; or `file`, `"my_worm.py:build"` say, and `parameters` of your own '
+        "model, as in scenes of kind `simulate`",
     ),
 ]
 Which = Annotated[str, says("", "label of the model, if the scene in `[model]` has several")]
@@ -162,6 +162,9 @@ def scene_of(tables: dict[str, Any], folder: Path, units: str, key: str = "model
     source = raw.pop("scene", None)
     try:
         if source is None:
+            if "file" in raw:
+                own = {name: raw.pop(name) for name in ("file", "parameters") if name in raw}
+                raw = {"kind": "simulate", "model": own} | raw
             raw = {"schema": 1, "units": units} | raw
             if raw.get("kind") in _TIMED:  # recordings determine the duration
                 raw.setdefault("time", {"end": 1.0})

@@ -15,7 +15,7 @@ from wormopt.control.drive import drive
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
 from wormopt.model.values import by_name
-from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
+from wormopt.ocp.contact import Complementarity, FixedModes, Regularised, SwitchDetection
 from wormopt.ocp.mesh import interpolation
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.optimise import Optimum
@@ -178,7 +178,8 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
         edges = motion.phase_breaks()
         modes = treatment.modes.phases if treatment.modes else ((),) * motion.mesh.phases
     else:
-        structure = structure_of(motion, speed=resting_speeds(optimum)[0], least=2)
+        least = 1 if isinstance(treatment, SwitchDetection) else 2
+        structure = structure_of(motion, speed=resting_speeds(optimum)[0], least=least)
         edges = np.concatenate([[0.0], np.cumsum(structure.durations)])
         modes = structure.modes.phases
     lasting = np.diff(edges) > _SHORT * motion.duration
@@ -260,6 +261,10 @@ def _treatment_in_words(optimum: Optimum) -> str:
     treatment = optimum.treatment
     if isinstance(treatment, Regularised):
         return f"smooth, v_reg = {treatment.v_reg:.6g}"
+    if isinstance(treatment, SwitchDetection):
+        return (
+            f"complementarity over arcs that end at switches, relaxed to {treatment.residual:.6g}"
+        )
     if isinstance(treatment, Complementarity):
         return f"complementarity, relaxed to {treatment.residual:.6g}"
     return "exact: prescribed modes, switching times free"

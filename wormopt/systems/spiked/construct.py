@@ -290,16 +290,19 @@ def load_gait(
     return gait
 
 
-def gait_of_shape(shape: Shape, scene: Scene[Any], key: str = "gait") -> Gait:
+def gait_of_shape(
+    shape: Shape, scene: Scene[Any], key: str = "gait", links: int | None = None
+) -> Gait:
     """Make the gait that a scene names; `key` is the key path of the shape.
 
-    Paths are relative to the scene's folder. Raises SceneError if the gait's file cannot be used.
+    Paths are relative to the scene's folder; `links` is their number where the scene has no worm.
+    Raises SceneError if the gait's file cannot be used.
     """
-    links = scene.table.worm.links
+    links = scene.table.worm.links if links is None else links
     if isinstance(shape, FastShape):
         return fast_gait(shape.period, shape.rest_length, shape.elongation)
     if isinstance(shape, FileShape):
-        return _from_file(shape, scene, key)
+        return _from_file(shape, scene, key, links)
     if isinstance(shape, SineShape):
         return travelling_sine(links, shape.period, shape.rest_length, shape.amplitude, shape.lag)
     length, ramp = (shape.length[0], shape.length[1]), shape.ramp or 0.0
@@ -308,7 +311,7 @@ def gait_of_shape(shape: Shape, scene: Scene[Any], key: str = "gait") -> Gait:
     return accordion(links, shape.period, length, shape.profile, ramp)
 
 
-def _from_file(shape: FileShape, scene: Scene[Any], key: str) -> Gait:
+def _from_file(shape: FileShape, scene: Scene[Any], key: str, links: int) -> Gait:
     path = scene.folder / Path(shape.file)
     try:
         gait = load_gait(path, shape.point, scene.table.units)
@@ -318,10 +321,9 @@ def _from_file(shape: FileShape, scene: Scene[Any], key: str) -> Gait:
         message = str(error)
         named = message if message.startswith(path.name) else f"{shape.file}: {message}"
         raise SceneError(scene.name, [(f"{key}.file", named)]) from None
-    if gait.links != scene.table.worm.links:
+    if gait.links != links:
         message = (
-            f"the file has {gait.links} links, the worm {scene.table.worm.links}; set worm.links = "
-            f"{gait.links}"
+            f"the file has {gait.links} links, the worm {links}; set worm.links = {gait.links}"
         )
         raise SceneError(scene.name, [(f"{key}.file", message)])
     return gait if shape.period is None else gait.with_period(shape.period)

@@ -15,7 +15,7 @@ from wormopt.result import Check, Result
 from wormopt.study.types import per
 from wormopt.systems.shared.gravity import assumed
 from wormopt.systems.spiked.design.design import Design, objective_of
-from wormopt.systems.spiked.gait_problem import Cost, DesignTable, Effort
+from wormopt.systems.spiked.gait_problem import Cost, Effort, GaitTables
 from wormopt.systems.spiked.motion import (
     MOTION_VARIABLES,
     agreement,
@@ -44,7 +44,7 @@ COST_SCALARS: dict[Cost, str] = {
 """Scalars that hold the costs."""
 
 
-def with_keys(error: SolveError, table: DesignTable) -> SolveError:
+def with_keys(error: SolveError, table: GaitTables) -> SolveError:
     """Rewrite the error of a design with keys of scenes; a note explains limits of the motor."""
     reason, suggestion = error.reason, error.suggestion
     notes = [
@@ -67,7 +67,7 @@ class DesignReport:
     warnings: tuple[str, ...]
 
 
-def of_design(table: DesignTable, found: Design) -> DesignReport:
+def of_design(table: GaitTables, found: Design) -> DesignReport:
     """Report on a designed gait, recomputed in closed form and by integration.
 
     Checks fail if a limit is violated by more than 1e-9 of its size, or if the second route
@@ -235,9 +235,9 @@ def _check_of_motors(needed: Demand) -> Check:
     return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=needed.feasible)
 
 
-def _whose(table: DesignTable) -> dict[str, list[str]]:
+def _whose(table: GaitTables) -> dict[str, list[str]]:
     """Source of the smaller limit of each link: "gait" or "motor"."""
-    links, limits, motor = table.worm.links, table.gait, table.motor
+    links, limits, motor = table.counts["links"], table.gait, table.motor
     if motor is None:
         return {}
     rates = limits.rate_limits(links)

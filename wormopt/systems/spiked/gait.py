@@ -128,7 +128,7 @@ class GaitMotion(Study, kind="gait"):
         "motion": "wormopt.systems.spiked.pictures:motion",
         "spikes": "wormopt.systems.spiked.pictures:spikes",
         "region": "wormopt.systems.spiked.pictures:region",
-        "animation": "wormopt.systems.spiked.pictures:animation",
+        "animation": "wormopt.pictures.worms:animation",
     }
     wanted: ClassVar = ("gait", "motion", "spikes", "region", "animation")
 

@@ -149,7 +149,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
         "spikes": "wormopt.systems.spiked.pictures:spikes",
         "limits": "wormopt.systems.spiked.pictures:limits",
         "certificate": "wormopt.systems.spiked.pictures:certificate",
-        "animation": "wormopt.systems.spiked.pictures:animation",
+        "animation": "wormopt.pictures.worms:animation",
     }
     wanted: ClassVar = ("limits",)
     exports: ClassVar = {"certificate.json": "wormopt.systems.spiked.gait_design:as_json"}

@@ -530,20 +530,23 @@ class GaitProblem(Given, kw_only=False):
             yield "objective.minimise", message
 
 
+_MOTOR = entry(
+    "a stepping motor with a threaded rod on each link; none by default. |*l*′| ≤ `lead` "
+    "· `rate_max` and |*l*″| ≤ `lead` · `acceleration_max` hold in addition to the limits "
+    "in `[gait]`, which then need no `rate` or `acceleration`. Other keys of this table "
+    "have no effect on the design; the limits also hold below `start_rate`. Refused: "
+    "`gait.impulses`",
+    default=None,
+)
+
+
 class DesignTable(Study):
-    """Tables shared by all scenes that design gaits."""
+    """Tables shared by scenes that contain the worm for which they design gaits."""
 
     worm: SceneWorm = entry("the worm")
     gait: GaitLimits = entry("the limits")
     search: Search = entry("options of the search", default=Search)
-    motor: Motor | None = entry(
-        "a stepping motor with a threaded rod on each link; none by default. |*l*′| ≤ `lead` "
-        "· `rate_max` and |*l*″| ≤ `lead` · `acceleration_max` hold in addition to the limits "
-        "in `[gait]`, which then need no `rate` or `acceleration`. Other keys of this table "
-        "have no effect on the design; the limits also hold below `start_rate`. Refused: "
-        "`gait.impulses`",
-        default=None,
-    )
+    motor: Motor | None = _MOTOR
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -553,10 +556,7 @@ class DesignTable(Study):
     @property
     def limits(self) -> Limits:
         """The limits, including those of the motors."""
-        own, motor = self.gait, self.motor
-        if motor is None:
-            return own
-        return own.within(motor.length_rate, motor.length_acceleration, self.worm.links)
+        return limits_of(self)
 
     def task(self, objective: Objective) -> GaitProblem:
         """The design problem for the given objective."""
@@ -565,18 +565,47 @@ class DesignTable(Study):
     def faults_of_design(self) -> Iterator[Fault]:
         """Yield what is wrong between worm, limits, motor and search."""
         yield from self.worm.faults_in_scene(self.units, ranges=True)
-        links, limits = self.worm.links, self.gait
-        if self.motor is not None and limits.impulses:
-            yield (
-                "gait.impulses",
-                "true, but motor.acceleration_max forbids jumps of velocity; remove the key",
-            )
-        for key, message in limits.faults_for(links, motor=self.motor is not None):
-            yield f"gait.{key}".removesuffix("."), message
-        for key, message in self.search.faults_for(links, limits):
-            yield f"search.{key}", message
+        yield from faults_of_limits(self)
 
     def faults_of_cost(self, key: str, cost: Cost | None) -> Iterator[Fault]:
         """Yield a fault if the cost at `key` cannot be minimised in this scene."""
         for message in faults_of_cost(cost, self.worm, self.gait):
             yield key, message
+
+
+class WormlessDesignTable(Study):
+    """Tables shared by scenes that find the worm for which they design gaits."""
+
+    gait: GaitLimits = entry("the limits")
+    search: Search = entry("options of the search", default=Search)
+    motor: Motor | None = _MOTOR
+
+    @property
+    def limits(self) -> Limits:
+        """The limits, including those of the motors."""
+        return limits_of(self)
+
+
+GaitTables = DesignTable | WormlessDesignTable
+
+
+def limits_of(table: GaitTables) -> Limits:
+    """The limits of a scene, including those of the motors."""
+    own, motor = table.gait, table.motor
+    if motor is None:
+        return own
+    return own.within(motor.length_rate, motor.length_acceleration, table.counts["links"])
+
+
+def faults_of_limits(table: GaitTables) -> Iterator[Fault]:
+    """Yield what is wrong between limits, motor and search of a scene."""
+    links, limits = table.counts["links"], table.gait
+    if table.motor is not None and limits.impulses:
+        yield (
+            "gait.impulses",
+            "true, but motor.acceleration_max forbids jumps of velocity; remove the key",
+        )
+    for key, message in limits.faults_for(links, motor=table.motor is not None):
+        yield f"gait.{key}".removesuffix("."), message
+    for key, message in table.search.faults_for(links, limits):
+        yield f"search.{key}", message

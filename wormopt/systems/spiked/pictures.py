@@ -16,8 +16,9 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from wormopt.pictures.page import Animation, Page, Panel
+from wormopt.pictures.page import Page, Panel
 from wormopt.pictures.style import (
+    CENTRED,
     DASHES,
     GLIDE,
     GREY,
@@ -36,7 +37,6 @@ from wormopt.result import Result
 from wormopt.shown import whole_lists
 
 CYCLES = 2  # cycles shown of a motion
-CENTRED: dict[str, Any] = {"ha": "center", "va": "center_baseline", "weight": "bold"}
 OBJECTIVES = {
     "peak_spike_load": r"largest load on a spike, max $\lambda_i$",
     "peak_actuator_force": r"largest actuator force, max $|\mu_j|$",
@@ -225,53 +225,6 @@ def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> 
     if any(known["one_sided"]):
         notes.append("* sensitivity to relaxing; that to tightening differs")
     return notes
-
-
-# -- an animation, in which masses at rest have their spikes out -----------------------------------
-
-_FRAMES_PER_CYCLE = 36
-
-
-def _stage(result: Result) -> Page:
-    """Draw the ground, wide enough for all cycles shown."""
-    page = Page(result, 1.9, 1.3)
-    panel, position = page.panel(), page["position"]
-    reach = position[0].max() + (CYCLES - 1) * (position[0, -1] - position[0, 0])
-    margin = 0.04 * (reach - position.min())
-    panel.axes.set(xlim=(position.min() - margin, reach + margin), ylim=(-0.75, 1.0))
-    panel.axes.axhspan(-0.75, -0.35, color="#EFEBE4", linewidth=0)
-    panel.level(-0.35, ls="-", lw=1.2)
-    panel.scenery(equal=False, heights=False)
-    panel.axes.grid(visible=True)
-    panel.named("x", "position", "position $x$; filled: at rest on its spikes")
-    return page
-
-
-def _pose(panel: Panel, frame: int) -> None:
-    """Draw the worm: masses at rest are filled and have their spikes out."""
-    axes, page = panel.axes, panel.page
-    time, position = page["time"], page["position"]
-    turn, part = divmod(frame, _FRAMES_PER_CYCLE)
-    t = time[-1] * part / _FRAMES_PER_CYCLE
-    x = np.array([np.interp(t, time, row) for row in position])
-    x += turn * (position[0, -1] - position[0, 0])
-    rests = page["resting"][:, np.searchsorted(time, t, side="right") - 1] > 0
-    size = 0.65 if narrow() else 0.8
-    for j, color in enumerate(colours("link", len(x) - 1)):
-        axes.plot(x[j : j + 2], [0, 0], color=color, linewidth=4 * size, alpha=0.8, zorder=2)
-    for i, color in enumerate(colours("mass", len(x))):
-        if rests[i]:
-            axes.plot(x[i], -0.37, marker="v", markersize=11 * size, color=color, zorder=3)
-        axes.plot(x[i], 0, "o", markersize=19 * size, markeredgecolor=color,
-                  markeredgewidth=2.5 * size, markerfacecolor=color if rests[i] else "white",
-                  zorder=4)  # fmt: skip
-        axes.text(x[i], 0, str(i), color="white" if rests[i] else color, zorder=5, size=7,
-                  **CENTRED)  # fmt: skip
-    axes.text(0.01, 0.9, f"cycle {turn + part / _FRAMES_PER_CYCLE:.2f}", color=GREY,
-              transform=axes.transAxes)  # fmt: skip
-
-
-animation = Animation(CYCLES * _FRAMES_PER_CYCLE, _stage, _pose)
 
 
 # -- periods and loads at which kinematics alone determines the motion -----------------------------

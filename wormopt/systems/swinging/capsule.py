@@ -109,9 +109,14 @@ class Capsule(OptimalMotion, kind="capsule"):
     The arrays contain the instants at which arcs join twice.
     """
 
-    pictures: ClassVar = {"signals": "wormopt.systems.chain.pictures:signals"}
+    pictures: ClassVar = {
+        "signals": "wormopt.systems.chain.pictures:signals",
+        "animation": "wormopt.pictures.worms:animation",
+    }
 
-    want: tuple[Literal["signals"], ...] = entry("`signals`: signals over time", default=())
+    want: tuple[Literal["signals", "animation"], ...] = entry(
+        "`signals`: signals over time; `animation`: both masses, as a moving GIF", default=()
+    )
     capsule: CapsuleTable = entry("the capsule")
 
     def solve(self) -> dict[str, Optimum]:

@@ -111,6 +111,18 @@ class Ground:
         """Return the ground in units of a force."""
         return Ground(self.forward / force, self.backward / force, self.sideways / force)
 
+    def bounded(self, load: float) -> Ground:
+        """Return a ground (m,) with the same motions, without a resistance that pins a mass.
+
+        A mass rests that resists more than all others and the load can push. Its resistance has no
+        further effect, but much larger ones than the others leave no digits to them.
+        """
+        each = np.stack([self.forward, self.backward, self.sideways])
+        most = each.max(axis=0)
+        others = np.array([np.delete(most, i).sum() for i in range(len(most))]) + load
+        top = np.where(each.min(axis=0) > others, 2 * others, np.inf)
+        return Ground(*np.minimum(each, np.where(others > 0, top, np.inf)))
+
     @property
     def one_sided(self) -> np.ndarray:
         """Masses with unequal forward and backward resistances."""

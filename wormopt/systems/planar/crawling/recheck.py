@@ -21,6 +21,7 @@ from wormopt.systems.planar.crawling.velocity import Crawler, Motion, refuse_ope
 from wormopt.systems.planar.poses import compose, rotate
 
 _FEW = 8  # midpoints next to an instant at which the motion is not unique
+_ROUNDING = 1e-12  # share of velocities relative to the head
 _IPOPT = Ipopt(tolerance=1e-11, iterations=300)
 
 
@@ -34,9 +35,12 @@ class MostResistance:
 
 
 def most_resistance(crawler: Crawler, s: np.ndarray, ds: np.ndarray) -> MostResistance:
-    """Solve the dual by an interior point, for shapes (G, n_s) and rates."""
-    m, ground = crawler.shape.n_points, crawler.ground
-    force = float(np.mean([ground.forward, ground.backward, ground.sideways]))
+    """Solve the dual by an interior point, for shapes (G, n_s) and rates.
+
+    Velocities are seen from the frame in which the masses move least, since those relative to the
+    head may be many times the actual ones.
+    """
+    m, ground, force = crawler.shape.n_points, crawler.ground, crawler.force
     program = _program(ground.forward / force, ground.backward / force, ground.sideways / force)
     start = np.concatenate([np.full(2 * m, 0.1), np.zeros(m)])
     low = np.concatenate([np.zeros(2 * m), np.full(m, -np.inf)])
@@ -44,14 +48,16 @@ def most_resistance(crawler: Crawler, s: np.ndarray, ds: np.ndarray) -> MostResi
     power, twist, violation = [], [], []
     for shape, rate in zip(s, ds, strict=True):
         _, _, J, B = (np.array(part) for part in crawler.shape.kinematics(shape))
-        b = B @ rate
-        speed = float(np.abs(b).max()) or 1.0
         sizes = np.array([1.0, 1.0, float(np.sqrt(np.mean(J[:, 2] ** 2)))])
+        fixed = B @ rate
+        frame = -np.linalg.lstsq(J / sizes, fixed)[0] / sizes
+        b = fixed + J @ frame
+        speed = max(float(np.abs(b).max()), _ROUNDING * float(np.abs(fixed).max())) or 1.0
         given = np.concatenate([(J / sizes).T.ravel(), b / speed, crawler.load / sizes / force])
         bounds = Bounds(low, np.full(3 * m, np.inf), *limits, given)
         found = program.solve(start, bounds, _IPOPT)
-        power.append(-found.objective * speed * force)
-        twist.append(-found.multipliers[:3] / sizes * speed)
+        power.append(-found.objective * speed * force - crawler.load @ frame)
+        twist.append(frame - found.multipliers[:3] / sizes * speed)
         violation.append(found.violation)
     return MostResistance(np.array(power), np.array(twist), np.array(violation))
 

@@ -326,7 +326,8 @@ class Crawler:
         given = np.asarray(load, dtype=float)
         if given.shape != (3,) or not np.isfinite(given).all():
             raise ArgumentError(f"load must be two forces and a moment, not {load}")
-        return cls(shape, ground_of(laws, shape.n_points), given)
+        ground = ground_of(laws, shape.n_points).bounded(float(np.hypot(*given[:2])))
+        return cls(shape, ground, given)
 
     @property
     def force(self) -> float:

@@ -103,13 +103,39 @@ def closed_link(motion: Trajectory) -> str:
 def energy_error(motion: Trajectory, stored: str) -> float:
     """Return the largest difference of all works and the energy `stored`, over the largest.
 
-    The motion is of a model of `measure_works`.
+    The motion is of a model of `measure_works`. Both count from the state after the first instant,
+    in which the ground may stop what it does not allow.
     """
     names = [s.name for s in motion.system.model.x if s.name.endswith("_work")]
     works, energy = np.array([motion[name][0] for name in names]), motion[stored][0]
+    works -= works[:, :1]
     gap = np.abs(works.sum(axis=0) - (energy - energy[0])).max()
     size = max(np.abs(works).max(), np.abs(energy).max())
     return float(gap / size) if size else 0.0
+
+
+def energy_stopped(motion: Trajectory, stored: str) -> float:
+    """Return the energy `stored` that the ground takes in the first instant."""
+    model = motion.system.model
+    start = signal_values(model.x, None, "state", fill=0.0)
+    given = replace(motion, time=motion.time[:1], states=start[:, None])[stored][0, 0]
+    return float(given - motion[stored][0, 0])
+
+
+def at_steps(motion: Trajectory) -> Trajectory:
+    """Return the motion also at the ends of its steps, if they are known.
+
+    Samples may be so few that links oscillate or turn between them.
+    """
+    if motion.dense is None:
+        return motion
+    return motion.at(np.union1d(motion.time, motion.dense.time))
+
+
+def unwrapped(motion: Trajectory, name: str) -> np.ndarray:
+    """Return angles at the samples without jumps by whole turns."""
+    fine = at_steps(motion)
+    return np.unwrap(fine[name], axis=1)[:, np.searchsorted(fine.time, motion.time)]
 
 
 def resting_masses(motion: Trajectory) -> np.ndarray:
@@ -234,21 +260,21 @@ def step_again(
         start = signal_values(model.x, None, "state", fill=0.0)
         numbers = signal_values(tuple(model.p), None, "parameter")
         step = min(_SHARE * stepper.safe_step(start, numbers), motion.end_time / 200)
-    places = motion["position"]
-    way = longest_way(places, motion.system.model.x[0].nominal)
+    places, way = motion["position"], longest_way(motion)
 
     def error(length: float) -> float:
         found = stepper.march(motion.end_time, step=length, report=report)
         return float(np.abs(found.states[: len(places), -1] - places[:, -1]).max() / way)
 
     coarse = np.sqrt(np.mean([(error(share * step) / share) ** 2 for share in _LENGTHS]))
-    steps = _FINER * motion.end_time / step
-    rounding = steps * np.finfo(float).eps / 2 * float(np.abs(places).max()) / way
+    roundings = 2 * _FINER * motion.end_time / step  # places move twice in a step
+    rounding = roundings * np.finfo(float).eps / 2 * float(np.abs(places).max()) / way
     return Stepped(step, float(coarse), error(step / _FINER), rounding)
 
 
-def longest_way(places: np.ndarray, nominal: float) -> float:
-    """Return the longest displacement of a coordinate, at least a billionth of the usual size."""
+def longest_way(motion: Trajectory) -> float:
+    """Return the longest path of a coordinate, at least a billionth of the usual size."""
+    places, nominal = at_steps(motion)["position"], motion.system.model.x[0].nominal
     return float(max(np.abs(np.diff(places, axis=1)).sum(axis=1).max(), _PER_WAY * nominal))
 
 

@@ -160,9 +160,9 @@ class Design:
 
         Parameters
         ----------
-        picture : {"gait", "motion", "spikes"}, optional
+        picture : {"gait", "motion", "spikes", "animation"}, optional
             Lengths and rests over a cycle; paths of the masses over two cycles; loads on spikes
-            and actuator forces over a cycle.
+            and actuator forces over a cycle; the worm, which moves in a notebook.
 
         Returns
         -------
@@ -174,7 +174,7 @@ class Design:
         ArgumentError
             If there is no such picture.
         """
-        check_choice("picture", picture, ("gait", "motion", "spikes"))
+        check_choice("picture", picture, ("gait", "motion", "spikes", "animation"))
         return above("wormopt.systems.spiked.design_results:as_result")(self).plot(picture)
 
     @cached_property

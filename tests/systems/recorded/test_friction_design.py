@@ -1,0 +1,134 @@
+"""Kind friction-design: gaits for worms on dry ground, from films of them, by scipy's motions."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from outcomes import refusals
+
+import wormopt as wo
+from tests.judge_friction import judge, lengths_of
+from tests.oracles.by_gliding import Lengths, Played, Rubbing, play
+from wormopt.errors import SolveError
+from wormopt.systems.spiked import Search
+
+FORWARD, BACKWARD = 0.3, 0.8
+LIMITS = wo.Limits(period=(0.3, 3.0), length=(0.045, 0.075), rate=0.2, acceleration=30.0)
+# Friction is as wide as 1e-4 of the speeds: less than this many widths is no slip.
+SLIP = 8.0
+
+
+def gait_of(forward: float, backward: float, **more: Any) -> Lengths:
+    """The fastest gait for two masses that the ground holds, as the oracle wants it."""
+    limits = LIMITS.vary(spike_load=forward + backward)
+    worm = wo.Worm(links=1, mass=(0.2, 0.3), load=forward, **more)
+    gait = wo.design(worm, limits, search=Search(effort="quick")).gait
+    return lengths_of(gait.breaks, gait.polynomial)
+
+
+def on_ground(forward: float, backward: float, gait: Lengths, drag: float = 0.0) -> Played:
+    ground = (np.full(2, force) for force in (forward, backward))
+    return play(Rubbing(np.array([0.2, 0.3]), drag, *ground, np.zeros(2)), gait)
+
+
+def test_friction_forward_is_a_load_and_grips_are_the_sum_of_both():
+    """The fastest gait of this worm with spikes slips on dry ground as soon as that is weaker."""
+    gait = gait_of(FORWARD, BACKWARD)
+    held = on_ground(FORWARD, BACKWARD, gait)
+    assert held.slip < SLIP
+    assert held.unheld < SLIP
+    # it uses all that the ground can give, ahead and back
+    assert held.ground.max() == pytest.approx(BACKWARD, rel=1e-3)
+    assert held.ground.min() == pytest.approx(-FORWARD, rel=1e-3)
+    assert on_ground(FORWARD, 0.97 * BACKWARD, gait).slip > 10 * SLIP  # a resting mass slips back
+    assert on_ground(0.97 * FORWARD, BACKWARD, gait).unheld > 10 * SLIP  # or is dragged ahead
+
+
+def test_a_film_becomes_a_gait_that_the_ground_holds(tmp_path: Path):
+    _check(judge(0, tmp_path))
+
+
+@pytest.mark.slow
+def test_films_of_drawn_worms_become_gaits_that_the_ground_holds(tmp_path: Path):
+    """Twenty worms; 95 % intervals hold the true friction, and say where a film leaves it open."""
+    found = [judge(seed, tmp_path) for seed in range(20)]
+    for each in found:
+        _check(each)
+    held = [inside for each in found for inside in each["inside"].values()]
+    assert sum(held) >= 33  # of 40; fewer have a probability of 1e-4
+    assert any(each["open"] for each in found)  # a worm that never slipped back
+    assert not all(each["open"] for each in found)
+
+
+def _check(found: Mapping[str, Any]) -> None:
+    """Limits hold in scipy's motion with the true numbers, and little speed is lost."""
+    assert found["status"] == "ok"
+    excess = found["excess"]
+    assert max(excess[name] for name in ("length", "rate", "acceleration")) < 1e-9
+    assert excess["actuator_force"] < 1e-3  # of smooth friction
+    assert excess["slip"] < SLIP
+    assert excess["unheld"] < SLIP
+    assert 0.97 < found["speed"] / found["best"] < 1 + 1e-3
+    assert found["told"] == pytest.approx(found["speed"], rel=2e-3)
+
+
+@pytest.mark.slow
+def test_the_packaged_scene_keeps_its_limits_on_the_plant():
+    result = wo.run("friction_gait")
+    assert result.status == "ok"
+    number = {name: scalar.value for name, scalar in result.scalars.items()}
+    true = {"forward": 0.25, "backward": 1.0, "stiffness": 45.0, "damping": 0.5}
+    for name, value in true.items():
+        assert abs(number[name] - value) < 4 * number[f"{name}_error"], name
+    assert 0.99 < number["plant_share"] < 1.0
+    assert number["plant_distance"] < number["reach"]
+    assert max(number["held_max"]) < 1.0
+    assert set(result.trust["assumptions"]) >= {"lengths", "rest", "stiction", "split", "springs"}
+    # the actuators' forces, and the rest lengths that give them, by (8)
+    length, rate = result["length"].values, result["rate"].values
+    spring = number["stiffness"] * (length - 0.06) + number["damping"] * rate
+    force = spring - result["actuator_force"].values
+    np.testing.assert_allclose(result["input"].values, force, atol=1e-12)
+    commanded = 0.06 + force / number["stiffness"]
+    np.testing.assert_allclose(result["commanded_length"].values, commanded, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_ground_that_is_weaker_than_in_the_film_fails_the_trial():
+    result = wo.run("friction_gait", {"plant.worm.friction.backward": 0.9})
+    assert result.status == "failed"
+    assert "on the plant gait.spike_load is exceeded" in result.reason
+
+
+@pytest.mark.slow
+def test_what_the_film_does_not_tell_is_said():
+    """Without a known mass or force only ratios are known."""
+    unknown = [
+        {"name": "forward", "targets": "friction_forward"},
+        {"name": "backward", "targets": "friction_backward"},
+        {"name": "stiffness", "targets": "stiffness"},
+        {"name": "damping", "targets": "damping"},
+        {"name": "mass", "targets": "mass"},
+    ]
+    with pytest.raises(SolveError, match=r"mass\[0\].*cannot be identified"):
+        wo.run("friction_gait", {"fit.unknown": unknown})
+
+
+test_scenes_that_do_not_fit_together_are_refused = refusals(
+    "friction_gait",
+    """
+    fit.kind="simulate" | fit | kind
+    fit.model.worm.friction={kind="spike"} | fit.model | friction is spike
+    fit.model.worm.friction.stick_backward=0.9 | fit.model | stiction
+    fit.model.worm.links=3 | fit.model.worm.mass | 3 entries for 4 masses
+    gait.spike_load=1.0 | gait.spike_load | the fitted friction holds the masses
+    gait.sharing="least_actuation" | gait.sharing | "least_actuation"
+    gait.rate=[1, 1, 1] | gait.rate | 3 entries for 2 links
+    objective={minimise="energy_per_distance", speed=0.01} | objective.minimise | parameters
+    confidence=1.0 | confidence | from 0.5 to below 1
+    fit.recording.0.columns={head="positon[0]"} | fit.recording[0].columns.head | no signal positon
+    plant={"worm.fricton.forward"=1.0} | plant.worm.fricton | did you mean friction
+    """,
+)

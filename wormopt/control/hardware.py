@@ -1,0 +1,233 @@
+"""Controllers that act by hardware: sensors with noise and delay, a clock, actuators."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from wormopt.control.loop import Reference, feed, gait_reference, input_of, saturated
+from wormopt.errors import ArgumentError
+from wormopt.model.gait import Gait
+from wormopt.model.given import check_number
+from wormopt.model.model import TINY, Model, Output, Signal, Switch, lie, pack
+from wormopt.model.schedule import Delay
+
+NOISE = "noise"
+"""Name of the schedule with the values that sensors add."""
+
+_NONE = ca.SX(0, 1)
+_TRUE = ("reference", "error", "error_norm")
+
+
+def band_limited(
+    deviation: float, interval: float, end: float, entries: int, seed: int | Sequence[int]
+) -> Gait:
+    """Noise that is smooth between samples: normal numbers every `interval`, joined by cubics.
+
+    It has hardly anything above the frequency 1 / (2 interval), and a continuous rate. `deviation`
+    is that of the samples, from time 0 until `end` at least; the same seed gives the same noise.
+    """
+    count = max(math.ceil(end / interval * (1 - 1e-12)), 1)
+    normal = np.random.default_rng(seed).standard_normal((count + 1, entries))
+    curve = CubicSpline(interval * np.arange(count + 1), deviation * normal)
+    return Gait(curve.x, curve.c[::-1].transpose(1, 2, 0))
+
+
+def through_hardware(
+    plant: Model,
+    loop: Model,
+    *,
+    noise: Gait | None = None,
+    delay: float = 0.0,
+    period: float | None = None,
+    rate: float = math.inf,
+    output_step: float = 0.0,
+    input_step: float = 0.0,
+    output: str = "length",
+    input: str = "input",  # noqa: A002
+) -> Model:
+    """Let the controller of a closed loop act by sensors and actuators, and by a clock.
+
+    `loop` is a loop closed around `plant`, whose states come first, or the plant driven by inputs
+    over time. The controller's force, rates and switches use the signal seen instead of the plant's
+    states, y(t - delay) + noise(t) and its rate; ``error`` and ``error_norm`` remain those of the
+    plant. Before time 0 the output is that at time 0; `noise` has a row for each entry of y.
+
+    With a `period`, the controller measures and decides at its multiples from 0 on. Between them
+    the signal seen and the force are held; its own states and the reference continue. Lengths are
+    rounded to multiples of `output_step`, and rates are then differences of rounded lengths,
+    0 at first; forces are rounded to multiples of `input_step`. Actuators start at 0 and approach
+    the force at most at `rate`, in every scalar of the input.
+
+    Adds the output or state ``seen`` (y and y'), with a delay the parameter ``measurement_delay``,
+    with noise the schedule ``noise``, with a period the states ``held_input``, ``input_before``
+    (where the rate is limited) and ``next_sample``. Raises ArgumentError if a number is out of
+    range, `rate` or steps are given without a period, the output is not linear in the states with
+    constant coefficients, noise lacks a row for each entry, or the loop has delays of the delayed
+    signal.
+    """
+    _check(delay, period, rate, output_step, input_step)
+    x, n, y = pack(plant.x), plant.n_x, plant[output]
+    switches, memories = loop.switches[len(plant.switches) :], loop.delays[len(plant.delays) :]
+    guards = [switch.guard for switch in switches]
+    if not ca.depends_on(ca.vertcat(loop[input], loop.ode[n:], *guards), x):
+        noise, delay = None, 0.0  # an open loop measures nothing
+    own = ca.vertcat(y, lie(plant, y))
+    measured, late = _late(own, delay)
+    course = _noise(plant, noise, y.numel())
+    if course is not None:
+        measured += ca.vertcat(course.value, course.rate)
+    if late and memories:
+        raise ArgumentError(f"{loop.name} has delays already; leave the delay of sensors out")
+    states_of = _states_of(plant, own)
+
+    def put(expression: ca.SX, known: ca.SX) -> ca.SX:
+        return ca.substitute(expression, x, states_of @ known)
+
+    def decided(known: ca.SX) -> ca.SX:
+        return put(loop[input], known)
+
+    signal = input_of(plant, loop[input].numel(), input)
+    clock = None
+    if period is not None:
+        clock = _Clock(signal, y.numel(), period, rate, output_step, input_step, loop.t)
+    seen = measured if clock is None else clock.seen.symbol
+    force = decided(seen) if clock is None else clock.force
+    fed = feed(plant, [signal], force)
+    outputs = {o.name: o for o in fed.outputs} | {input: Output(input, force, signal.unit)}
+    beyond = ca.vertcat(_NONE, *(s.symbol for s in (clock.states if clock else ())))
+    after = ca.vertcat(pack(loop.x)[n:], beyond)
+    ticks = [] if clock is None else [clock.tick(pack(loop.x), decided, measured)]
+    return replace(
+        loop,
+        name=f"{loop.name}, by hardware",
+        x=[*loop.x, *(clock.states if clock else ())],
+        ode=ca.vertcat(fed.ode, put(loop.ode[n:], seen), ca.SX.zeros(beyond.numel())),
+        p=[*loop.p, *(lag for _, lag in late)],
+        outputs=[
+            *(
+                outputs.get(o.name, o)
+                if o.name in outputs or o.name in _TRUE
+                else Output(o.name, put(o.expression, seen), o.unit)
+                for o in loop.outputs
+            ),
+            *([] if clock else [Output("seen", seen)]),
+        ],
+        switches=[
+            *(replace(s, reset=ca.vertcat(s.reset, after)) for s in fed.switches),
+            *(_seen_switch(s, lambda e: put(e, seen), n, beyond) for s in switches),
+            *ticks,
+        ],
+        schedules=[*loop.schedules, *(course.schedules if course else ())],
+        delays=[
+            *plant.delays,
+            *(replace(d, signal=put(d.signal, measured)) for d in memories),
+            *(past for past, _ in late),
+        ],
+    )
+
+
+def _check(
+    delay: float, period: float | None, rate: float, output_step: float, input_step: float
+) -> None:
+    check_number("delay", delay, least=0.0)
+    check_number("output_step", output_step, least=0.0)
+    check_number("input_step", input_step, least=0.0)
+    if rate != math.inf:
+        check_number("rate", rate, above=0.0)
+    if period is not None:
+        check_number("period", period, above=0.0)
+    elif rate != math.inf or output_step or input_step:
+        raise ArgumentError(
+            "rate, output_step and input_step belong to a controller that decides at samples; "
+            "write period= too"
+        )
+
+
+class _Clock:
+    """States and switch of a controller that decides at multiples of a period."""
+
+    def __init__(
+        self,
+        signal: Signal,
+        entries: int,
+        period: float,
+        rate: float,
+        output_step: float,
+        input_step: float,
+        time: ca.SX,
+    ) -> None:
+        self.signal, self.period, self.time = signal, period, time
+        self.steps = output_step, input_step
+        held = replace(signal, name="held_input", symbol=ca.SX.sym("held_input", signal.size))
+        held = replace(held, lower=-math.inf, upper=math.inf, value=0.0)
+        before = replace(held, name="input_before", symbol=ca.SX.sym("before", signal.size))
+        self.seen = Signal("seen", ca.SX.sym("seen", 2 * entries), value=0.0)
+        self.next = Signal("next_sample", ca.SX.sym("next_sample"), "time", value=0.0)
+        limited = [before] if rate < math.inf else []
+        self.states = [self.seen, held, *limited, self.next]
+        self.force = held.symbol
+        if limited:
+            way = rate * (time - self.next.symbol + period)
+            moved = ca.fmax(-way, ca.fmin(way, held.symbol - before.symbol))
+            self.force = before.symbol + moved
+
+    def tick(self, kept: ca.SX, decided: Callable[[ca.SX], ca.SX], measured: ca.SX) -> Switch:
+        """The switch of a sample; `kept`: states without those of the clock."""
+        output_step, input_step = self.steps
+        begin, m = self.next.symbol, self.seen.size // 2
+        if output_step:
+            y = _rounded(measured[:m], output_step)
+            rates = (y - self.seen.symbol[:m]) / self.period
+            measured = ca.vertcat(y, ca.if_else(begin > 0, rates, 0))
+        force = decided(measured)
+        if input_step:
+            force, _ = saturated(self.signal, _rounded(force, input_step))
+        before = [self.force] if len(self.states) == 4 else []
+        reset = ca.vertcat(kept, measured, force, *before, begin + self.period)
+        return Switch("sample", self.time - begin, reset)
+
+
+def _rounded(values: ca.SX, step: float) -> ca.SX:
+    return step * ca.floor(values / step + 0.5)
+
+
+def _late(own: ca.SX, delay: float) -> tuple[ca.SX, list[tuple[Delay, Signal]]]:
+    """Outputs of sensors without noise, and the additions to a model."""
+    if not delay:
+        return own, []
+    past, lag = ca.SX.sym("past_output", own.numel()), ca.SX.sym("measurement_delay")
+    signal = Signal("measurement_delay", lag, "time", lower=TINY, value=delay)
+    return past, [(Delay("past_output", past, own, lag), signal)]
+
+
+def _noise(plant: Model, noise: Gait | None, entries: int) -> Reference | None:
+    if noise is None:
+        return None
+    if noise.links != entries:
+        raise ArgumentError(f"noise has {noise.links} rows, the output {entries} entries")
+    return gait_reference(noise, plant.t, periodic=False, name=NOISE)
+
+
+def _states_of(plant: Model, own: ca.SX) -> ca.DM:
+    """Matrix from y and y' to the states of least norm that have them."""
+    x = pack(plant.x)
+    slopes = ca.jacobian(own, x)
+    offset = ca.simplify(own - slopes @ x)
+    if ca.symvar(slopes) or not offset.is_zero():
+        raise ArgumentError(
+            f"the output of {plant.name} and its rate are not linear in its states with constant "
+            "coefficients, as sensors and a clock need; choose such an output"
+        )
+    return ca.DM(np.linalg.pinv(ca.evalf(slopes).full()))
+
+
+def _seen_switch(switch: Switch, put: Callable[[ca.SX], ca.SX], n: int, beyond: ca.SX) -> Switch:
+    """A controller's switch under another name: its guard uses the signal seen."""
+    reset = ca.vertcat(switch.reset[:n], put(switch.reset[n:]), beyond)
+    return replace(switch, name=f"{switch.name}, as seen", guard=put(switch.guard), reset=reset)

@@ -1,0 +1,174 @@
+"""What limits an optimal crawl: sensitivities to its limits, and a bound on every crawl."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.model.friction import Viscous
+from wormopt.ocp.optimise import Optimum
+from wormopt.study.types import per
+from wormopt.systems.chain.crawl_search import CrawlTask
+from wormopt.systems.chain.loops import laws_of
+
+# Elasticities below this are rounding.
+_NOTHING = 1e-5
+# Speed at which velocity-weakening friction has fallen to its least value.
+_FAST = 1e150
+
+
+# -- sensitivities ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Derivative of the minimised objective by one limit."""
+
+    name: str  # "actuator_force[1]", "length.longest"
+    value: float
+    quantity: str
+    derivative: float
+    elasticity: float
+
+
+def slopes(task: CrawlTask, optimum: Optimum, cycles: int) -> list[Slope]:
+    """Derivatives of the objective by all limits, from the multipliers of the program.
+
+    The order of rests is kept. A limit that does not bind has 0.
+    """
+    size = abs(optimum.objective) or 1.0
+    found = []
+    for name, value, quantity, derivative in _slopes(task, optimum, cycles):
+        elasticity = derivative * value / size
+        binds = abs(elasticity) > _NOTHING
+        known = (derivative, elasticity) if binds else (0.0, 0.0)
+        found.append(Slope(name, value, quantity, *known))
+    return found
+
+
+def _slopes(
+    task: CrawlTask, optimum: Optimum, cycles: int
+) -> Iterator[tuple[str, float, str, float]]:
+    limits, links = task.limits, task.worm.links
+    prices = optimum.prices
+
+    def price(name: str) -> tuple[np.ndarray, np.ndarray]:
+        nothing = np.zeros(links)
+        return prices.get(name, (nothing, nothing))
+
+    shortest, longest = limits.period_range
+    low, high = (float(side[0]) / cycles for side in price("duration"))
+    if limits.tick is None:  # else the best objective changes in jumps
+        if shortest == longest:
+            yield "period", shortest, "time", low + high
+        else:
+            yield "period.shortest", shortest, "time", low
+            yield "period.longest", longest, "time", high
+    uneven = isinstance(limits.actuator_force, tuple)
+    low, high = price("limits.actuator_force" if uneven else "input")
+    yield from _each("actuator_force", limits.actuator_force, "force", high - low)
+    if (ranges := limits.length_ranges(links)) is not None:
+        low, high = price("limits.length")
+        alike = len(set(ranges)) == 1
+        for end, side, which in (("shortest", low, 0), ("longest", high, 1)):
+            value = ranges[0][which] if alike else tuple(r[which] for r in ranges)
+            yield from _each(f"length.{end}", value, "length", side)
+    for key, quantity in (("rate", "speed"), ("acceleration", "acceleration")):
+        low, high = price(f"limits.{key}")
+        yield from _each(key, getattr(limits, key), quantity, high - low)
+    yield from _each(
+        "actuator_power", limits.actuator_power, "power", price("limits.actuator_power")[1]
+    )
+    if limits.energy_per_cycle is not None:
+        above = float(price("limits.energy_per_cycle")[1][0])
+        yield "energy_per_cycle", limits.energy_per_cycle, "energy", above
+    if task.objective.speed is not None:
+        yield (
+            "objective.speed",
+            task.objective.speed,
+            "speed",
+            float(price("objective.speed")[0][0]),
+        )
+
+
+def _each(
+    key: str, value: float | tuple[float, ...] | None, quantity: str, slope: np.ndarray
+) -> Iterator[tuple[str, float, str, float]]:
+    """One row for each number as written."""
+    if isinstance(value, tuple):
+        for k, one in enumerate(value):
+            yield f"{key}[{k}]", one, quantity, float(slope[k])
+    elif value is not None:
+        yield key, value, quantity, float(slope.sum())
+
+
+# -- a bound on every crawl ------------------------------------------------------------------------
+
+
+def bound_of(task: CrawlTask) -> float | None:
+    """Least value of the objective that any crawl within the limits can have; None if unknown.
+
+    Over a cycle, springs and masses keep their energy. Actuators give what dashpots and the ground
+    take. With a_j, the mean of |l_j'|, a link gives at most u_j a_j - d_j a_j^2, and ground, drag
+    and load take at least sum(F+_i + load_i) V + sum(k_i) V^2 at the mean speed V.
+    """
+    worm, aim, masses = task.worm, task.objective, task.worm.links + 1
+    laws = laws_of(worm)
+    drag = sum(per(worm.drag, masses)) + sum(
+        float(law.drag) for law in laws if isinstance(law, Viscous)
+    )
+    force = sum(per(worm.pull, masses)) + sum(
+        -float(law.slip_force(_FAST, 1)) for law in laws if not isinstance(law, Viscous)
+    )
+    if aim.minimise is not None:
+        least = force + drag * (aim.speed or 0.0) if force >= 0 else 0.0
+        return least / sum(per(worm.mass, masses))
+    given = [_power(*one) for one in _links(task)]
+    power = sum(given)
+    if not math.isfinite(power) or force <= 0.0 < power:
+        fast = drag > 0.0 and math.isfinite(power)
+        speed = (math.sqrt(force**2 + 4 * drag * power) - force) / (2 * drag) if fast else None
+    else:
+        speed = 2 * power / (force + math.sqrt(force**2 + 4 * drag * power)) if power else 0.0
+    if speed is None:
+        return None
+    if aim.effort and force > 0.0:
+        # with less force an actuator gives less power, but costs less
+        speed = min(
+            speed, sum(_worth(*one, price=force, effort=aim.effort) for one in _links(task))
+        )
+    return -speed
+
+
+def _links(task: CrawlTask) -> Iterator[tuple[float, float, float, float]]:
+    """Largest force, damping, largest rate and power of each link."""
+    limits, n = task.limits, task.worm.links
+    ranges = limits.length_ranges(n) or ((0.0, math.inf),) * n
+    most = per(limits.acceleration or math.inf, n)
+    # a link that turns within its range at a bounded acceleration has a bounded rate
+    implied = [math.sqrt(a * (b[1] - b[0])) for a, b in zip(most, ranges, strict=True)]
+    rates = map(min, per(limits.rate or math.inf, n), implied)
+    powers = per(limits.actuator_power or math.inf, n)
+    forces = per(limits.actuator_force, n)
+    return zip(forces, per(task.worm.damping, n), rates, powers, strict=True)
+
+
+def _power(force: float, damping: float, rate: float, power: float) -> float:
+    """Largest mean power of a link's actuator less that of its dashpot."""
+    best = min(rate, power / force, force / (2 * damping) if damping else math.inf)
+    return force * best - damping * best**2 if math.isfinite(best) else math.inf
+
+
+def _worth(
+    force: float, damping: float, rate: float, power: float, *, price: float, effort: float
+) -> float:
+    """Largest power over the price, less the effort of the force that gives it."""
+    turn = 2 * damping * rate
+    flat = rate / (2 * effort * price) if math.isfinite(rate) else math.inf
+    most = min(force, power / rate + damping * rate) if rate else force
+    places = [s for s in (turn, flat, most) if s <= most]
+    values = [_power(s, damping, rate, power) / price - effort * s**2 for s in places if s > 0]
+    return max([0.0, *values])

@@ -1,0 +1,536 @@
+"""Search for the best crawl of a chain: starts, a coarse solve of each, and sharper ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.model.model import Model
+from wormopt.numerics.collocation import Collocation
+from wormopt.numerics.workers import each
+from wormopt.ocp.contact import Complementarity, Regularised, SwitchDetection
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Curve, Guess, Motion
+from wormopt.ocp.nlp import Bounds, Ipopt, Solution
+from wormopt.ocp.optimise import Contacts, Level, Optimum, optimise
+from wormopt.ocp.problem import Problem
+from wormopt.ocp.switching import optimise_switching_times
+from wormopt.ocp.transcription import Transcription
+from wormopt.progress import Report, silent
+from wormopt.study.numerics import MeshTable
+from wormopt.study.numerics import Start as AtRest
+from wormopt.study.types import per
+from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
+from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits, Robust
+from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
+from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
+from wormopt.systems.chain.tables import ChainTable
+from wormopt.systems.spiked import GaitProblem, Limits, Objective, Search, Worm, designed
+
+# The least friction counts, but at least this share of the largest.
+_FRICTION = 1e-2
+# Largest input in nominal sizes.
+_USUAL_SIZES = 20.0
+# Samples of a motion that determine its size and its score.
+_SAMPLES = 512
+# Arcs of the first solves, and their relaxations of contact.
+_COARSE, _RELAXED = 20, Complementarity(1e-2, first=1.0, ratio=0.03)
+_FEW = Ipopt(tolerance=1e-8, iterations=250)
+# Relaxations that find switches, and shortest and longest arcs as shares of the mean one.
+_DETECTED, _SPANS = SwitchDetection(1e-4, first=0.1, ratio=0.04), (0.2, 4.0)
+_FINE = Complementarity(1e-3, first=1e-2)
+_NEARBY = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=300)
+# State polynomials between switches, and the solver of phases: a wrong reading is left soon.
+_PHASE, _POLISH = Collocation(7), Ipopt(tolerance=1e-10, mu_init=1e-4, iterations=80)
+# Coarse optima whose objectives differ by a smaller share are the same one.
+_ALIKE = 1e-4
+# Exact optima worse by more than this share than that of the switches have other phases.
+_MISREAD = 1e-3
+# Relaxation that is small against the error of a grid.
+_TIGHT = Complementarity(1e-5, first=1e-2, ratio=0.03)
+# A start competes if its coarse objective is within this share of the best sharp one.
+_HOPEFUL = 0.02
+# Durations of cycles that are simulated at least and at most, each half the one before.
+_LEAST, _MOST = 7, 16
+# Largest changes of the duration of a cycle in a coarse and in a sharp solve.
+_WIDE, _NARROW = 4.0, 2.0
+
+
+# -- what is optimised -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CrawlTask:
+    """An optimal crawl as other processes are sent it."""
+
+    worm: ChainTable
+    limits: CrawlLimits
+    objective: Aim
+    mesh: MeshTable
+    starts: int
+    seed: int
+    earlier: Earlier | None
+    robust: Robust | None
+
+    def __reduce__(self) -> Any:  # without what is cached
+        return type(self), tuple(vars(self)[field.name] for field in fields(self))
+
+    @property
+    def single_chain(self) -> bool:
+        """Whether the crawl is designed for one chain."""
+        return self.robust is None
+
+    @cached_property
+    def plant(self) -> Model:
+        """The nominal chain, in usual sizes of its rest lengths and periods."""
+        rest = float(np.mean(per(self.worm.rest_length, self.worm.links)))
+        size = rest / 2 if rest > 0 else 1.0
+        links = draw_links(self.worm, 1.0)
+        return build_chain(self.worm, AtRest(), links, size, self.limits.period_range[1])
+
+    @cached_property
+    def draws(self) -> list[dict[str, np.ndarray]]:
+        """Parameters of each chain that differ from the nominal ones; the first is nominal."""
+        if self.robust is None:
+            return [{}]
+        random, own = np.random.default_rng(self.robust.seed), numbers_of(self.plant)
+        factors = [draw_factors(own, self.robust.spread, random) for _ in range(self.robust.draws)]
+        return [{}, *({name: own[name] * f for name, f in drawn.items()} for drawn in factors)]
+
+    def sized(self, speed: float) -> Model:
+        """Scale the plant by the usual size of velocities, and by friction.
+
+        Masses and periods alone give forces that are too small by orders of magnitude for light
+        worms.
+        """
+        plant, force = self.plant, max(per(self.limits.actuator_force, self.worm.links))
+        position, velocity = plant.x
+        velocity = replace(velocity, nominal=max(speed, velocity.nominal / 10))
+        held = [end for law in laws_of(self.worm) for end in law.stick_interval]
+        sizes = np.abs(np.array(held, dtype=float))
+        sizes = np.minimum(sizes[sizes > 0], force)
+        friction = float(max(sizes.min(), _FRICTION * sizes.max()) if len(sizes) else force)
+        return replace(
+            plant,
+            x=[position, velocity],
+            u=[replace(u, nominal=max(friction, force / _USUAL_SIZES)) for u in plant.u],
+            contacts=[
+                replace(c, nominal_force=friction, nominal_speed=velocity.nominal)
+                for c in plant.contacts
+            ],
+        )
+
+    def problem(self, speed: float) -> Problem:
+        """State the problem where velocities have this usual size."""
+        plant = self.sized(speed)
+        if self.robust is None:
+            return crawl_problem(plant, self.limits, self.objective)
+        copies = scenario_model(plant, self.draws)
+        return crawl_problem(copies, self.limits, self.objective, self.robust.judge)
+
+
+# -- optima between processes ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Solved:
+    """An optimum without its program, which other processes cannot be sent."""
+
+    speed: float  # usual size of velocities in the program
+    duration: tuple[float, float]
+    mesh: Mesh
+    treatment: Contacts
+    solution: Solution
+    bounds: Bounds
+    levels: tuple[Level, ...]
+    build_s: float
+
+    def optimum(self, task: CrawlTask) -> Optimum:
+        """Return the optimum with its program."""
+        problem = replace(task.problem(self.speed), duration=self.duration)
+        program = Transcription(problem, self.mesh, self.treatment)
+        motion = Motion.of(program, self.solution.w, self.bounds)
+        return Optimum(
+            motion, self.solution, self.levels, self.treatment, self.build_s, self.bounds
+        )
+
+    @property
+    def objective(self) -> float:
+        """Minimised value."""
+        return self.solution.objective
+
+
+def _sent(found: Optimum) -> Solved:
+    problem, mesh = found.motion.program.problem, found.motion.mesh
+    return Solved(
+        problem.model.contacts[0].nominal_speed,
+        problem.duration,
+        mesh,
+        found.treatment,
+        found.solution,
+        found.bounds,
+        found.levels,
+        found.build_s,
+    )
+
+
+# -- starts ----------------------------------------------------------------------------------------
+
+
+class Start(Protocol):
+    """Recipe of a first guess."""
+
+    def guess(self, task: CrawlTask) -> Guess:
+        """Make the guess; SolveError if this is impossible."""
+        ...
+
+
+@dataclass(frozen=True)
+class Wave:
+    """Forces that are sines of one frequency, with a phase for each link."""
+
+    duration: float
+    force: float
+    phase: tuple[float, ...]
+
+    def guess(self, task: CrawlTask) -> Guess:
+        """Return the last of several simulated cycles."""
+        phase = np.array(self.phase)
+        return sine_guess(task.plant, self.duration, self.force, phase, len(task.draws))
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """The crawl of an earlier result."""
+
+    time: np.ndarray  # (m,)
+    states: np.ndarray  # (n_x, m)
+    inputs: np.ndarray  # (n_u, m)
+    forces: np.ndarray  # (contacts, m)
+
+    def guess(self, task: CrawlTask) -> Guess:
+        """Interpolate it."""
+        states, inputs, forces = (
+            polyline(self.time, rows) for rows in (self.states, self.inputs, self.forces)
+        )
+        return Guess(float(self.time[-1]), states, inputs, forces)
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Optimum with smoothed friction from another start."""
+
+    start: Start
+
+    def guess(self, task: CrawlTask) -> Guess:
+        """Return the smooth optimum."""
+        near = self.start.guess(task)
+        speed = task.sized(speed_of(task, near)).x[1].nominal
+        widths = Regularised(0.1 * speed, speed)
+        return _coarse(task, near, widths).motion.guess
+
+
+@dataclass(frozen=True)
+class Spiked:
+    """The fastest gait of a worm with spikes, whose resting masses do not slide back."""
+
+    duration: float
+
+    def guess(self, task: CrawlTask) -> Guess:
+        """Return the designed motion with the actuator forces that it needs."""
+        worm, limits, links = task.worm, task.limits, task.worm.links
+        masses = np.array(per(worm.mass, links + 1))
+        force = np.array(per(limits.actuator_force, links))
+        rest = np.array(per(worm.rest_length, links))
+        ranges = limits.length_ranges(links) or tuple((0.7 * r, 1.3 * r) for r in rest.tolist())
+        swing = np.array([high - low for low, high in ranges])
+        most = per(limits.acceleration or (force / masses.mean()).tolist(), links)
+        rate = per(limits.rate or (2 * swing / self.duration).tolist(), links)
+        ahead = [max(0.0, -float(law.slip_force(1.0, 1))) for law in laws_of(worm)]
+        load, least = np.array(per(worm.pull, links + 1)) + ahead, 1e-9 * float(force.max())
+        problem = GaitProblem(
+            Worm(links, mass=float(masses.mean()), load=max(float(load.mean()), least)),
+            Limits(period=self.duration, length=ranges, rate=rate, acceleration=most),
+            Objective(),
+        )
+        motion = designed(problem, Search(effort="quick", workers=1), silent).motion
+        t, v, length = motion.time, motion["velocity"], motion["length"]
+        stiffness = np.array(per(worm.stiffness, links))[:, None]
+        damping = np.array(per(worm.damping, links))[:, None]
+        u = stiffness * (length - rest[:, None]) + damping * motion["rate"]
+        u = np.clip(u - motion["actuator_force"], -force[:, None], force[:, None])
+        tail = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[-1, 1:] + v[-1, :-1]) / 2)])
+        above = np.vstack([np.cumsum(length[::-1], axis=0)[::-1], np.zeros_like(t)])
+        return Guess(float(t[-1]), polyline(t, np.vstack([above + tail, v])), polyline(t, u))
+
+
+def polyline(t: np.ndarray, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Interpolate rows of samples linearly."""
+    return lambda at: np.array([np.interp(at, t, row) for row in rows])
+
+
+def speed_of(task: CrawlTask, near: Guess) -> float:
+    """Root mean square of the velocities of a motion."""
+    masses = task.worm.links + 1
+    states = near.states(np.linspace(0.0, near.duration, _SAMPLES))
+    return float(np.sqrt(np.mean(states[masses : 2 * masses] ** 2)))
+
+
+def starts(task: CrawlTask) -> list[Start]:
+    """Return the best waves, a designed spiked gait, a smooth optimum, and random waves."""
+    waves = _waves(task)
+    ways: list[Start] = [waves[0]]
+    if task.single_chain:
+        ways += [Smoothed(waves[0]), Spiked(waves[0].duration)]
+    ways += waves[1:]
+    if task.earlier is not None:
+        ways = [task.earlier, *ways]
+    random = np.random.default_rng(task.seed)
+    while len(ways) < task.starts:
+        near = waves[len(ways) % 2]
+        phase = random.uniform(0, 2 * np.pi, task.worm.links)
+        duration, share = near.duration * random.uniform(0.6, 1.6), random.uniform(0.3, 1.0)
+        ways.append(Wave(duration, share * near.force, tuple(phase.tolist())))
+    return ways[: task.starts]
+
+
+def _waves(task: CrawlTask) -> list[Wave]:
+    """Simulate waves of several durations, strengths and phases; the best two, unlike ones."""
+    links, force = task.worm.links, min(per(task.limits.actuator_force, task.worm.links))
+    along = 2 * np.pi / (links + 1) * np.arange(links)
+    scored: list[tuple[float, Wave]] = []
+
+    def tried(duration: float, share: float, phase: np.ndarray) -> float:
+        duration = float(np.clip(duration, *task.limits.durations_near(duration, 1.0)))
+        wave = Wave(duration, share * force, tuple(phase.tolist()))
+        scored.append((_score(task, wave), wave))
+        return scored[-1][0]
+
+    duration, best = task.limits.period_range[1], -math.inf
+    for k in range(_MOST):
+        score = max(tried(duration, share, along) for share in (1.0, 0.3))
+        if k >= _LEAST and score < best:
+            break
+        best, duration = max(best, score), duration / 2
+    best_of_all = max(scored, key=lambda one: one[0])[1]
+    for scale in (0.7, 1.0, 1.4):
+        for phase in (along, -along, np.pi * np.arange(links)):
+            tried(scale * best_of_all.duration, best_of_all.force / force, phase)
+    ranked = [wave for _, wave in sorted(scored, key=lambda one: -one[0])]
+    first = ranked[0]
+    unlike = (first.duration / 2, first.duration * 2)
+    others = (w for w in ranked if w.phase != first.phase or not unlike[0] < w.duration < unlike[1])
+    return [first, next(others, first)]
+
+
+def _score(task: CrawlTask, wave: Wave) -> float:
+    """Objective of a wave, larger is better, less what exceeds the limits of lengths."""
+    try:
+        near = wave.guess(task)
+    except SolveError:
+        return -math.inf
+    masses, aim = task.worm.links + 1, task.objective
+    t = np.linspace(0.0, near.duration, _SAMPLES)
+    x = near.states(t)
+    if not np.all(np.isfinite(x)):
+        return -math.inf
+    speed = float(x[0, -1] - x[0, 0]) / near.duration
+    size = float(np.sqrt(np.mean(x[masses : 2 * masses] ** 2)))
+    score = speed - aim.effort * task.worm.links * wave.force**2 / 2
+    if aim.speed is not None:
+        score = min(speed, aim.speed)
+    if (ranges := task.limits.length_ranges(task.worm.links)) is not None:
+        low, high = np.array(ranges).T
+        length = x[: masses - 1] - x[1:masses]
+        over = np.maximum(low - length.min(axis=1), length.max(axis=1) - high) / (high - low)
+        score -= size * float(np.maximum(over, 0.0).max())
+    return score
+
+
+# -- solving ---------------------------------------------------------------------------------------
+
+
+def _solved(
+    task: CrawlTask,
+    near: Guess,
+    mesh: Mesh,
+    treatment: Contacts,
+    solver: Ipopt,
+    ratio: float,
+    *,
+    explain: bool = False,
+) -> Optimum:
+    """Solve near a motion, with a cycle of a duration at most a ratio from its own."""
+    duration = (near.duration, near.duration)
+    if ratio > 1.0:
+        duration = task.limits.durations_near(near.duration, ratio)
+    problem = replace(task.problem(speed_of(task, near)), duration=duration)
+    return optimise(problem, mesh, treatment, near, solver=solver, explain=explain)
+
+
+def _coarse(
+    task: CrawlTask, near: Guess, treatment: Contacts = _RELAXED, *, explain: bool = False
+) -> Optimum:
+    arcs = min(_COARSE, task.mesh.arcs)
+    mesh = Mesh.even(1, arcs, Collocation(2, "radau"))
+    return _solved(task, near, mesh, treatment, _FEW, _WIDE, explain=explain)
+
+
+def _whole(found: Optimum) -> Guess:
+    """The motion of an optimum without its phases."""
+    return replace(found.motion.guess, phases=None)
+
+
+def coarse(task: CrawlTask, start: Start) -> Solved | None:
+    """Solve with relaxed contact on a coarse mesh; None if this fails."""
+    try:
+        return _sent(_coarse(task, start.guess(task)))
+    except SolveError:
+        return None
+
+
+def _stretched(near: Guess, duration: float) -> Guess:
+    """The same motion over another duration."""
+    scale = near.duration / duration
+
+    def over(curve: Curve | None) -> Curve | None:
+        return None if curve is None else lambda t: curve(t * scale)
+
+    states = over(near.states) or near.states
+    return replace(
+        near, duration=duration, states=states, inputs=over(near.inputs), forces=over(near.forces)
+    )
+
+
+def _sharp(task: CrawlTask, near: Guess, arcs: int, duration: float | None) -> Optimum:
+    """Let arcs end where contacts switch; with a duration, a cycle of that one."""
+    mesh = Mesh(
+        arcs,
+        1,
+        Collocation(task.mesh.degree, task.mesh.scheme),
+        max(0, task.mesh.degree - 2),
+        spans=(_SPANS[0] * near.duration / arcs, _SPANS[1] * near.duration / arcs),
+    )
+    if duration is not None:
+        near = _stretched(near, duration)
+    ratio = _NARROW if duration is None else 1.0
+    return _solved(task, near, mesh, _DETECTED, _NEARBY, ratio)
+
+
+def sharp(task: CrawlTask, first: Solved) -> Solved | None:
+    """Sharpen a coarse optimum; None if this fails."""
+    try:
+        return _sent(_sharp(task, _whole(first.optimum(task)), task.mesh.arcs, None))
+    except SolveError:
+        return None
+
+
+def polished(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
+    """Solve with the phases that the switches show, exactly; None if this fails."""
+    try:
+        return _sent(
+            optimise_switching_times(
+                found.optimum(task),
+                collocation=_PHASE,
+                tolerance=task.mesh.tolerance,
+                solver=_POLISH,
+                report=report,
+            )
+        )
+    except SolveError:
+        return None
+
+
+def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[float]]:
+    """Solve from all starts; the optima of each stage, and the coarse objectives of all starts.
+
+    The last stage is the result. Raises SolveError if no start leads to a crawl.
+    """
+    report("simulating waves", None)
+    first = starts(task)
+    found: list[Solved | None] = [None] * len(first)
+    for k, one in each(partial(coarse, task), first, report, "starts"):
+        found[k] = one
+    objectives = [math.nan if one is None else one.objective for one in found]
+    ranked = sorted((one for one in found if one is not None), key=lambda one: one.objective)
+    if not ranked:
+        ranked = [_sent(_coarse(task, first[0].guess(task), explain=True))]
+    if not task.single_chain:
+        near = ranked[0].optimum(task).motion.guess
+        mesh = Mesh.even(1, task.mesh.arcs, Collocation(task.mesh.degree, task.mesh.scheme))
+        fine = _solved(task, near, mesh, _FINE, _NEARBY, _NARROW)
+        return {"complementarity": _sent(fine)}, objectives
+    begun, best = _sharpest(task, ranked, report)
+    if task.limits.tick is not None:
+        best = _ticked(task, best)
+    stages = {"complementarity": begun, "switches": best}
+    exact = polished(task, best, report)
+    if exact is not None and exact.objective <= best.objective + _MISREAD * abs(best.objective):
+        stages["phases"] = exact
+    return stages, objectives
+
+
+def _sharpest(task: CrawlTask, ranked: Sequence[Solved], report: Report) -> tuple[Solved, Solved]:
+    """Sharpen optima, the best first, until the next ones are worse; the best, coarse and sharp."""
+    best: tuple[Solved, Solved] | None = None
+    for pair in _hopeful(ranked):
+        if best is not None:
+            level = best[1].objective
+            pair = [one for one in pair if one.objective <= level + _HOPEFUL * abs(level)]
+        for k, one in each(partial(sharp, task), pair, report, "switches"):
+            if one is not None and (best is None or one.objective < best[1].objective):
+                best = pair[k], one
+    if best is None:
+        near = _whole(ranked[0].optimum(task))
+        return ranked[0], _sent(_sharp(task, near, task.mesh.arcs, None))
+    return best
+
+
+def _ticked(task: CrawlTask, best: Solved) -> Solved:
+    """Solve again with cycles of whole ticks next to the best one; the better of the two."""
+    limits, guess = task.limits.ticked, best.optimum(task).motion.guess
+    durations = [limits.whole_ticks(k) for k in limits.ticks_of(guess.duration)]
+    found = [_sent(_sharp(task, guess, task.mesh.arcs, one)) for one in durations]
+    return min(found, key=lambda one: one.objective)
+
+
+def _hopeful(ranked: Sequence[Solved]) -> Iterator[Sequence[Solved]]:
+    """Yield unlike optima two by two, the best first."""
+    unlike: list[Solved] = []
+    for one in ranked:
+        apart = (abs(one.objective - other.objective) for other in unlike)
+        if all(gap > _ALIKE * abs(one.objective) for gap in apart):
+            unlike.append(one)
+    for k in range(0, len(unlike), 2):
+        yield unlike[k : k + 2]
+
+
+# -- convergence of relaxed contact ----------------------------------------------------------------
+
+
+def converging(task: CrawlTask, near: Solved, report: Report) -> Iterator[Solved]:
+    """Solve with smoothed friction of several widths, then on finer grids; yields both in order."""
+    arcs = task.mesh.arcs
+    jobs: list[tuple[int, Contacts]] = [(2 * arcs, _narrower(near.speed))]
+    jobs += [(n, _TIGHT) for n in (4 * arcs, 2 * arcs, arcs, arcs // 2)]
+    found = dict(each(partial(_from_sharp, task, near), jobs, report, "convergence"))
+    yield found[0]
+    yield from (found[k] for k in (4, 3, 2, 1))
+
+
+def _narrower(speed: float) -> Regularised:
+    return Regularised(v_reg=0.4**6 * speed, first=speed, ratio=0.4)
+
+
+def _from_sharp(task: CrawlTask, near: Solved, job: tuple[int, Contacts]) -> Solved:
+    """Solve on a grid with a treatment of contact, from a sharp optimum."""
+    arcs, treatment = job
+    degree = 3 if isinstance(treatment, Regularised) else 2
+    mesh = Mesh.even(1, arcs, Collocation(degree, "radau"))
+    return _sent(_solved(task, _whole(near.optimum(task)), mesh, treatment, Ipopt(), _NARROW))
