@@ -93,6 +93,18 @@ def test_series_of_a_block_agrees_with_its_coils(on: int, every: int):
     assert found.error < 1e-3
 
 
+def test_slopes_are_those_that_casadi_derives():
+    rng = np.random.default_rng(2)
+    field = BlockField(70e-3, 4e-3, rng.normal(size=(5, 9)) + 1j * rng.normal(size=(5, 9)), 0.0)
+    place = ca.SX.sym("place", 2)
+    slope = ca.gradient(field.expression(place[0], place[1]), place)
+    points = rng.uniform(-4e-3, 4e-3, (2, 20))
+    derived = np.array(ca.Function("slope", [place], [slope])(points))
+    assert np.array(field.gradient(points)) == pytest.approx(
+        derived, rel=1e-11, abs=1e-12 * np.abs(derived).max()
+    )
+
+
 @pytest.mark.slow
 def test_the_series_gets_exact_as_terms_are_kept(field: BlockField):
     errors = [block_field(ROW, HALF, 3, 7, tolerance).error for tolerance in (1e-2, 1e-3, 1e-4)]

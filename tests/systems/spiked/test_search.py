@@ -41,7 +41,7 @@ from wormopt.systems.spiked.programs.program import WaveProgram
 from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
 from wormopt.systems.spiked.search.orders import first_orders, is_mirror_symmetric, letters_of
-from wormopt.systems.spiked.search.search import Race, Start
+from wormopt.systems.spiked.search.search import Known, Race, Start, search
 
 
 def least_peak(speed: float) -> Design:
@@ -227,6 +227,16 @@ def first_race() -> Race:
     race = Race(UNEVEN, trial.Trier(UNEVEN), 1, silent, lambda _: None, 24)
     race.enter(map(Start, first_orders(UNEVEN)))
     return race
+
+
+@pytest.mark.slow
+def test_what_a_similar_search_varied_in_vain_is_not_varied_again():
+    task = GaitProblem(Worm(2, load=5.0), G1_LIMITS, Objective("peak_spike_load", 0.3))
+    quick = Search(effort="quick", phases=3)
+    first = search(task, quick, silent)
+    again = search(task, quick, silent, Known(first.known(2).good, first.tried))
+    assert again.varied == 0 < first.varied
+    assert again.trials[0].value == pytest.approx(first.trials[0].value, rel=1e-6)
 
 
 def test_a_resting_set_is_inserted_into_waves_in_both_directions():

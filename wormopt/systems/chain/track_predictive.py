@@ -57,6 +57,7 @@ with on_use():
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.model.values import nominal_of
+    from wormopt.numerics.workers import each
     from wormopt.progress import silent
     from wormopt.simulation.options import Exact, Smooth, Treatment
     from wormopt.simulation.trajectory import Trajectory
@@ -325,13 +326,16 @@ class TrackPredictive(Tracking, kind="track-predictive"):
 
         The converged controller is left out: it takes ten times as long, and does not learn either.
         """
-        return {name: self._on_plants(name) for name in self.options if name != CONVERGED}
+        names = [name for name in self.options if name != CONVERGED]
+        # those of one controller together, since each process makes the plan for itself
+        done = dict(each(self.on_all, names, self.report, "controllers on other plants"))
+        return {name: done[k] for k, name in enumerate(names)}
 
-    def _on_plants(self, name: str) -> OnPlants:
+    def on_all(self, name: str) -> OnPlants:
+        """All drawn plants under a controller."""
         numbers: list[dict[str, Any] | None] = []
         runs: list[MpcRun] = []
-        for k, draw in enumerate(self.draws):
-            self.report(f"{name}, other plants", k / len(self.draws))
+        for draw in self.draws:
             inputs = inputs_of(self.plan) if name == OPEN else None
             if self.options[name]:
                 try:
@@ -350,10 +354,12 @@ class TrackPredictive(Tracking, kind="track-predictive"):
     @stage
     def known(self) -> Mapping[str, Drawn]:
         """Drawn plants under the open-loop optimum and real-time control for their parameters."""
-        rows = [self._known(draw) for draw in self.draws]
+        done = dict(each(self.on_known, self.draws, self.report, "plans for other plants"))
+        rows = [done[k] for k in range(len(self.draws))]
         return {name: Drawn.of([row[k] for row in rows]) for k, name in enumerate(KNOWN)}
 
-    def _known(self, draw: Draw) -> list[dict[str, Any] | None]:
+    def on_known(self, draw: Draw) -> list[dict[str, Any] | None]:
+        """A drawn plant under the two controllers that know it; None where there is no plan."""
         end = self.time.end
         try:
             plan = plan_tracking(self.plant, self.followed, end, self.predictive, p=draw)
