@@ -453,8 +453,8 @@ def plan_path(
     ... )
     >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (1e-9, 1e-9))
     >>> path = P.plan_path(task, P.Library([ahead]), (0.3, 0.1), cost="time")
-    >>> [round(step.amplitude, 6) for step in path.steps], path.poses[-1].round(9).tolist()
-    ([0.625, 0.625, 0.625], [1.5, 0.0, 0.0])
+    >>> len(path.steps), path.poses[-1].round(9).tolist()
+    (2, [1.5, 0.0, 0.0])
     """
     if fault := rest_fault(task, library):
         raise SolveError(fault, "move the pose or the obstacle", code="touching")
