@@ -135,10 +135,11 @@ def channel_field(
     """Field of blocks of coils alternating on both sides of a channel; see `block_field`.
 
     Lengths in m; `clearance`: inner side of a wall to windings; `body`: diameter. The strip is 1/20
-    wider than the centre line needs, since time steps enter walls.
+    wider than the centre line needs, since time steps enter walls, but not up to the coils.
     """
     row = CoilRow(coil, 2, pitch, gap=channel + 2 * clearance, sides="alternating")
-    return block_field(row, _WIDER * (channel - body) / 2, on, every, tolerance)
+    needed, coils = (channel - body) / 2, channel / 2 + clearance
+    return block_field(row, min(_WIDER * needed, (needed + coils) / 2), on, every, tolerance)
 
 
 def _square(row: CoilRow, on: int, every: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -13,14 +13,14 @@ from effort import examples
 from hints import Capture
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from outcomes import failed_checks, refusals
+from outcomes import failed_checks, refusals, value
 from places import DOCS
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, Interrupted
 from wormopt.families.store import Store
-from wormopt.magnetics.blocks import BlockField, block_field
+from wormopt.magnetics.blocks import BlockField, block_field, channel_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.numerics.direct_search import Look, compass
 from wormopt.progress import silent
@@ -564,3 +564,22 @@ def test_motions_that_would_take_for_ever_are_refused(change: str, tmp_path: Pat
     out = str(tmp_path / "out")
     assert main(["run", "fig21_rod_motion", "-o", out, "--quiet", "--set", change]) == 3
     assert "steps, more than" in capsys.readouterr().err
+
+
+def test_a_mean_that_is_hardly_known_fails_without_other_meshes() -> None:
+    """In ten switches the rod has hardly begun to move."""
+    changes: dict[str, Any] = {
+        "switching.frequency": 100.0, "time": {"cycles": 2, "end": 0.1},
+        "mesh": {"elements": 10, "degree": 1}, "convergence": {"elements": [], "steps": []},
+    }  # fmt: skip
+    result = wo.run("fig21_rod_motion", changes)
+    known = abs(value(result, "velocity_mean")) > 2 * value(result, "velocity_error")
+    assert not known
+    assert "error of the mean velocity" in failed_checks(result)
+
+
+def test_the_strip_of_a_wide_channel_does_not_reach_the_coils() -> None:
+    """A fifth of a metre, where a twentieth more of the room would pass the windings."""
+    wide, clearance = 0.2, 1e-3
+    field = channel_field(COIL, 10e-3, wide, clearance, 4e-3, 3, 7, 1e-3)
+    assert (wide - 4e-3) / 2 < field.half < wide / 2 + clearance

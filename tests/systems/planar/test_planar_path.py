@@ -535,3 +535,12 @@ def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]):
     assert capsys.readouterr().out
     assert np.abs(found["task"].off(found["again"].pose)).max() < 1e-6
     assert found["path"].room >= 0
+
+
+@pytest.mark.parametrize(("goal", "steps"), [(0.6, 1), (1.3, 2)])
+def test_few_steps_straight_ahead_suffice(goal: float, steps: int) -> None:
+    """A step goes 0.8 of its amplitude in as much time, so the least time is the distance."""
+    task = PathTask(np.zeros(3), np.array([goal, 0.0, 0.0]), NEAR)
+    plan = plan_path(task, ALL, NEAR, cost="time", cell=(0.05, 0.05))
+    assert len(plan.steps) == steps
+    assert sum(step.time for step in plan.steps) == pytest.approx(goal, rel=1e-9)

@@ -32,8 +32,8 @@ ASSUMED = {
     "magnetisation": "linear in the field, without saturation and hysteresis",
 }
 _BATCHES, _CONFIDENCE = 8, 0.95
-# Accepted error of the field's work by round-off and steps, and accepted depth in walls.
-_ENERGY, _DEPTH = 0.01, 0.05
+# Accepted error of the field's work by round-off and steps, depth in walls, and error of the field.
+_ENERGY, _DEPTH, _FIELD = 0.01, 0.05, 0.05
 # Velocities are compared relative to at least this share of the field's, because a rod may stand
 # still. A velocity with a relative error above the second share is not compared.
 _STILL, _KNOWN = 0.01, 0.5
@@ -137,6 +137,13 @@ def checks_of_motion(point: RodPoint, what: str = "") -> Iterator[Check]:
         f"{where} walls are penetrated by {point.penetration:.2g} of the room; write a shorter "
         "mesh.step",
     )
+    yield Check(
+        f"series of the field{named}",
+        point.field_error,
+        _FIELD,
+        f"{where} the series of H² differs by {point.field_error:.2g} of the largest; write a "
+        "smaller mesh.field_tolerance or a narrower channel",
+    )
 
 
 def change_of(point: RodPoint, others: Iterable[RodPoint], field_speed: float) -> float | None:
@@ -150,6 +157,16 @@ def change_of(point: RodPoint, others: Iterable[RodPoint], field_speed: float) -
 
 def _compared_with(point: RodPoint, field_speed: float) -> float:
     return max(abs(point.velocity), _STILL * field_speed)
+
+
+def check_of_error(point: RodPoint, field_speed: float) -> Check:
+    """Return the check that a mean velocity is known, over half of it or of `checks_of_change`."""
+    advice = (
+        f"at {point.rate:g} switches per second the error of the mean velocity is "
+        f"{point.error:.2g} m/s, too large to know it; write a longer time.end"
+    )
+    limit = _KNOWN * _compared_with(point, field_speed)
+    return Check("error of the mean velocity", point.error, limit, advice)
 
 
 def checks_of_change(

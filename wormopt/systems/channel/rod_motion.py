@@ -43,6 +43,7 @@ with on_use():
     from wormopt.systems.channel.rod_course import (
         ASSUMED,
         change_of,
+        check_of_error,
         checks_of_change,
         checks_of_motion,
         energy_error,
@@ -454,6 +455,8 @@ class RodMotion(RodStudy, kind="rod-motion"):
     def of_motions(self) -> Iterator[Check]:
         yield from checks_of_motion(self.point)
         accepted = self.convergence.accepted
+        if not self.repetitions:
+            yield check_of_error(self.point, self.field_speed)
         for name, size, other in self.repetitions:
             what = f"with {name} {size:g}"
             yield from checks_of_motion(other, what)

@@ -550,7 +550,7 @@ class FilmWave(Study, kind="film-wave"):
         wave, most, margin = self.wave, self.search.crests, self.shape.capture_margin
         yield from self.optimisation[1]
         yield from warnings_of_optimum(wave.optimum, self.mesh.tolerance)
-        if wave.crests >= most > 1:
+        if wave.crests >= max(most, 2):
             yield (
                 f"the best wave has {wave.crests} crests, and the search begins with at most "
                 f"{most}; increase search.crests to check for better waves"

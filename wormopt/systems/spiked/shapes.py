@@ -212,9 +212,10 @@ GivenGait = FastGait | BlockWave | Accordion | GaitFile
 
 
 def why_unreadable(path: Path) -> str:
-    """Say why a file cannot be read; empty if it can."""
+    """Say why a file cannot be read, and what to write instead; empty if it can."""
     try:
         with path.open("rb"):
             return ""
     except (OSError, ValueError) as error:  # ValueError: a name with a null character
-        return getattr(error, "strerror", None) or str(error)
+        why = getattr(error, "strerror", None) or str(error)
+        return f"{why}; write the name of a file, relative to this folder"

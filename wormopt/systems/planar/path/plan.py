@@ -255,15 +255,12 @@ def polished(
     steps themselves.
     """
     bounds = np.array([fit.ends for fit in route])
-    if np.sum(bounds[:, 1] > bounds[:, 0]) < 3:
-        return (
-            None
-            if np.abs(task.off(_end(task, route, amplitudes)[0])).max() > accuracy
-            else ([fit.family.make(float(a)) for fit, a in zip(route, amplitudes, strict=True)])
-        )
-    begin = _reaching(task, route, amplitudes, bounds)
+    free = np.sum(bounds[:, 1] > bounds[:, 0])
+    begin = _reaching(task, route, amplitudes, bounds) if free else amplitudes
     if begin is None:
         return None
+    if free < 3:  # too few to choose from: they meet all three conditions or do not
+        return _exactly(task, route, begin, bounds, accuracy)
     width = np.maximum(bounds[:, 1] - bounds[:, 0], 1e-12)
     scale = max(float(sum(fit.at(a)[0][3] for fit, a in zip(route, amplitudes, strict=True))), 1e-9)
 
@@ -456,8 +453,8 @@ def plan_path(
     ... )
     >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (1e-9, 1e-9))
     >>> path = P.plan_path(task, P.Library([ahead]), (0.3, 0.1), cost="time")
-    >>> [round(step.amplitude, 6) for step in path.steps], path.poses[-1].round(9).tolist()
-    ([0.625, 0.625, 0.625], [1.5, 0.0, 0.0])
+    >>> len(path.steps), path.poses[-1].round(9).tolist()
+    (2, [1.5, 0.0, 0.0])
     """
     if fault := rest_fault(task, library):
         raise SolveError(fault, "move the pose or the obstacle", code="touching")
@@ -540,7 +537,7 @@ def _comes_by(task: PathTask, poses: np.ndarray) -> bool:
 def _none(looked: Looked, tried: int, options: SearchOptions) -> SolveError:
     if tried:
         why = f"{tried} routes end near the goal, but no amplitudes meet it without contact"
-        mend = "give more amplitudes, or a wider capture"
+        mend = "give more amplitudes, smaller ones too, or a wider capture"
     elif looked.exhausted:
         why = f"no sequence of steps leads to the goal; all {looked.poses} poses were searched"
         mend = "add steps to the library, or more room"
