@@ -235,11 +235,12 @@ def _solver(run: _Run, first: int, end: int) -> ca.Function:
         "abstol": run.relative * task.tolerance.absolute / task.tolerance.relative,
         "max_num_steps": task.tolerance.max_steps,
         "max_step_size": task.max_step,
-        "nonlin_conv_coeff": _NEWTON,
         "disable_internal_warnings": True,
         "show_eval_warnings": False,
     }
-    if _plugin(task) == "cvodes":  # otherwise it never returns where the motion ends
+    if _plugin(task) == "cvodes":
+        options["nonlin_conv_coeff"] = _NEWTON
+        # otherwise it never returns where the motion ends
         options["min_step_size"] = 1e-15 * max(abs(times[0]), abs(times[-1]))
     outputs = _outputs(run, first, end).tolist()
     return ca.integrator("solver", _plugin(task), run.equations.dae, times[first], outputs, options)
