@@ -64,7 +64,7 @@ def test_films_of_drawn_worms_become_gaits_that_the_ground_holds(tmp_path: Path)
         _check(each)
     held = [inside for each in found for inside in each["inside"].values()]
     assert sum(held) >= 33  # of 40; fewer have a probability of 1e-4
-    assert sum(each["open"] for each in found) == 2
+    assert 0 < sum(each["open"] for each in found) < 5
 
 
 def _check(found: Mapping[str, Any]) -> None:
