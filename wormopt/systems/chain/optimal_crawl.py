@@ -551,8 +551,11 @@ def _slope(over: np.ndarray, errors: np.ndarray) -> float:
 
 
 def _last_step(values: np.ndarray) -> float:
-    """Estimate the error of a sequence without the exact answer: twice its last step."""
-    return 2 * float(abs(values[-1] - values[-2]))
+    """Estimate the error of a sequence without the exact answer: twice its larger last step.
+
+    A switch may lie well in one grid by chance, so two steps count.
+    """
+    return 2 * float(np.abs(np.diff(values[-3:])).max())
 
 
 def _cycle_of(optimum: Optimum) -> tuple[tuple[int, ...], ...]:
