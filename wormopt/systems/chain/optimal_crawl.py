@@ -234,7 +234,11 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
             states = np.vstack([earlier["position"].values, earlier["velocity"].values])
             inputs, forces = earlier["input"].values, earlier["contact_force"].values
         except (OSError, ValueError, KeyError) as error:
-            message = f"{name} does not contain the crawl of a single worm: {error}"
+            why = "" if isinstance(error, KeyError) else f": {error}"  # which lists all names
+            message = (
+                f"{name} does not contain the crawl of a single worm{why}; write the result of a "
+                'scene of kind "optimal-crawl" without [robust]'
+            )
             raise SceneError(self.name, [("search.result", message)]) from None
         if len(inputs) != self.worm.links:
             message = f"{name} has {len(inputs)} links; write a result with {self.worm.links}"
