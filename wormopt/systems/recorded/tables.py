@@ -173,8 +173,9 @@ def scene_of(tables: dict[str, Any], folder: Path, units: str, key: str = "model
         beside = folder / str(source)
         found = load_scene(str(beside) if is_there(beside) else str(source), raw)
     except SceneError as error:
+        named, said = (key, "") if source is None else (f"{key}.scene", f'"{source}": ')
         faults = [
-            (f"{key}.{where}", what) if where else (f"{key}.scene", f'"{source}": {what}')
+            (f"{key}.{where}", what) if where else (named, f"{said}{what}")
             for where, what in error.faults
         ]
         raise SceneError(key, faults) from None
