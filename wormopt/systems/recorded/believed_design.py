@@ -208,7 +208,11 @@ class BelievedDesign(Study):
         nominal = self.design.nominal
         known = Search(sequence=nominal.sequence, workers=self.search.workers)
         task = nominal.task.vary(worm=self.plant_worm, limits=self.plant_limits)
-        return designed(task, known, self.report)
+        try:
+            return designed(task, known, self.report)
+        except SolveError as error:
+            reason = f"the designed gait was found, but on the worm of plant {error.reason}"
+            raise SolveError(reason, error.suggestion, error.partial, error.code) from None
 
     @parts(OnPlant, when="is_tested")
     def test_on_plant(self) -> OnPlant:
