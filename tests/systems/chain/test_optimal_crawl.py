@@ -40,7 +40,7 @@ def crawl(*sets: str, **changes) -> Result:
 
 @pytest.fixture(scope="module")
 def exact() -> Result:
-    return crawl("search.starts=1", want=())
+    return crawl("search.starts=1", "mesh.arcs=20", want=())
 
 
 def test_the_simulator_repeats_the_exact_crawl_and_the_period_closes(exact: Result):
@@ -375,6 +375,17 @@ def test_the_bound_is_the_best_balance_of_power(
     best = 2 * np.max(gain / 3.0 - effort * u**2)
     assert bound == pytest.approx(-best, rel=1e-3)
     assert -bound >= best * (1 - 1e-12)
+
+
+@pytest.mark.parametrize("rate", [1e-6, 0.4])
+def test_the_bound_downhill_is_where_drag_takes_all_power(rate: float):
+    """Loads of -2 on three masses exceed their friction forward, 1: a rigid worm slides too."""
+    study = load_scene(SCENE, ["worm.load=-2", "worm.drag=0.5", "objective.effort=0"]).table
+    limits = CrawlLimits(period=1.0, actuator_force=12.0, rate=rate)
+    bound = bound_of(study.vary(limits=limits).task)
+    v = np.linspace(0.0, 20.0, 20_001)
+    power = 2 * (12.0 * rate - 5.0 * rate**2)
+    assert bound == pytest.approx(-v[1.5 * v**2 - 3.0 * v <= power].max(), abs=1e-3)
 
 
 def test_the_energy_of_every_crawl_covers_friction_and_load():
