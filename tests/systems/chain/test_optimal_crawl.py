@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from outcomes import value
 from places import PROBLEMS
-from random_crawlers import random_crawler, scene_of
+from random_crawlers import random_crawler
 
 import wormopt as wo
 from tests.oracles.midpoint_crawls import Found, crawls
@@ -443,11 +443,9 @@ def test_tighter_limits_hold_and_cost_speed():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
-def test_random_robots_crawl_no_slower_than_by_another_program(seed: int, tmp_path: Path):
+def test_random_robots_crawl_no_slower_than_by_another_program(seed: int):
     tables = random_crawler(seed)
-    path = tmp_path / "robot.toml"
-    path.write_text(scene_of(tables))
-    study = load_scene(path).table
+    study = load_scene(tables).table
     result = wo.run(study)
     assert result.status == "ok", result.reason
     effort = tables["objective"]["effort"]

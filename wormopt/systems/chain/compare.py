@@ -120,8 +120,7 @@ class Rivals(Following):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows."""
         yield from super().faults_of_keys()
-        if self.tube.capture >= self.time.end:
-            yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
+        yield from self.tube.faults_in(self.time.end)
 
     @property
     def references(self) -> Sequence[str]:
@@ -331,8 +330,7 @@ class _Asked(Rivals):
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows; there is no scene with a plant."""
-        if self.tube.capture >= self.time.end:
-            yield "tube.capture", f"is not before the end = {self.time.end:g}; write less"
+        yield from self.tube.faults_in(self.time.end)
         yield from faults_of_hardware(self.hardware, self.time.end)
 
     @property
