@@ -199,10 +199,7 @@ def parse_table(
         values[name] = tuple(math.nan if v is None or name in texts else v for v in numbers)
         if name != time and (bits := _bits_of_wrapped(values[name])):
             wrapped[name] = bits
-            values[name] = tuple(
-                float(int(cell if cell.isdecimal() else v) - 2**bits) if v > 2.0**bits / 2 else v
-                for v, (_, cell) in zip(values[name], cells, strict=True)
-            )
+            values[name] = _signed(values[name], [cell for _, cell in cells], bits)
     wrong.sort(key=_line_of)
     kept, at_lines = tuple(text for _, text in remarks), tuple(n for n, _ in rows)
     return TextTable(values, units, frozenset(texts), kept, at, at_lines, wrapped)
@@ -497,6 +494,14 @@ def _bits_of_wrapped(numbers: Sequence[float]) -> int:
     below = [v >= size * (1 - _BITS[bits]) for v in there]
     small = (v < size * _BITS[bits] for v in there)
     return bits if any(below) and all(map(operator.or_, below, small)) and not all(below) else 0
+
+
+def _signed(numbers: Sequence[float], cells: Sequence[str], bits: int) -> Sequence[float]:
+    """Numbers below 0 where unsigned ones stand for them; cells keep digits that floats lose."""
+    return tuple(
+        float(int(cell if cell.isdecimal() else v) - 2**bits) if v > 2.0**bits / 2 else v
+        for v, cell in zip(numbers, cells, strict=True)
+    )
 
 
 def _is_number(cell: str) -> bool:

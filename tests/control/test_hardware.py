@@ -1,6 +1,5 @@
-"""Controllers that see a plant with noise, and late."""
+"""Controllers that act by sensors with noise and delay, a clock, and actuators."""
 
-from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -13,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PPoly
 
+from tests.oracles.by_samples import Sampled
 from wormopt.control.drive import drive
 from wormopt.control.hardware import band_limited, through_hardware
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
@@ -204,78 +204,6 @@ def aim(t: float) -> np.ndarray:
     )
 
 
-Law = Callable[[float, np.ndarray, float], float]
-"""Value at a time, for what is seen (length, rate) and a gain."""
-
-
-class Stepped:
-    """The cart from sample to sample by SciPy, under a controller with at most one state."""
-
-    def __init__(
-        self,
-        force: Law,
-        rate_of_gain: Law,
-        bound: float,
-        rate: float,
-        steps: tuple[float, float],
-        delay: float,
-    ) -> None:
-        self.force, self.rate_of_gain = force, rate_of_gain
-        self.bound, self.rate, self.steps, self.delay = bound, rate, steps, delay
-
-    def run(self, gain: float) -> np.ndarray:
-        z, u, seen = np.array([0.1, -0.2, 0.3, gain]), 0.0, np.zeros(0)
-        past: list[tuple[float, float, Any]] = []
-        for k in range(round(END / PERIOD)):
-            t = k * PERIOD
-            y = self._measured(t, z, past)
-            if step := self.steps[0]:
-                rounded = step * np.floor(y[0] / step + 0.5)
-                y = np.array([rounded, (rounded - seen[0]) / PERIOD if k else 0.0])
-            seen = y
-            wanted = float(np.clip(self.force(t, seen, z[3]), -self.bound, self.bound))
-            if step := self.steps[1]:
-                wanted = step * np.floor(wanted / step + 0.5)
-            ramp = min(abs(wanted - u) / self.rate, PERIOD)  # until the actuator is there
-            slope = np.sign(wanted - u) * self.rate if ramp else 0.0
-            if ramp:
-                z = self._between(t, t + ramp, z, u, slope, seen, past)
-            u = u + slope * ramp if ramp else wanted
-            if ramp < PERIOD:
-                z = self._between(t + ramp, t + PERIOD, z, wanted, 0.0, seen, past)
-        return z
-
-    def _between(
-        self,
-        begin: float,
-        end: float,
-        z: np.ndarray,
-        u: float,
-        slope: float,
-        seen: np.ndarray,
-        past: list[tuple[float, float, Any]],
-    ) -> np.ndarray:
-        def rhs(t: float, z: np.ndarray) -> list[float]:
-            force = u + slope * (t - begin)
-            return [*(CART_A @ z[:3] + CART_B * force), self.rate_of_gain(t, seen, z[3])]
-
-        found = solve_ivp(
-            rhs, (begin, end), z, method="DOP853", rtol=1e-12, atol=1e-13, dense_output=True
-        )
-        past.append((begin, end, found.sol))
-        return found.y[:, -1]
-
-    def _measured(
-        self, t: float, z: np.ndarray, past: list[tuple[float, float, Any]]
-    ) -> np.ndarray:
-        then = t - self.delay
-        if not self.delay:
-            return z[:2]
-        if then <= 0:
-            return np.array([0.1, -0.2])
-        return next(sol(then)[:2] for begin, end, sol in past if begin <= then <= end)
-
-
 TUBE, GROWTH = 0.05, 30.0
 HARDWARE: dict[str, dict[str, float]] = {
     "hold": {},
@@ -323,14 +251,13 @@ def test_a_sampled_loop_is_that_of_steps_from_sample_to_sample(controller: str, 
     motion = simulate(held, END, times=np.linspace(0.0, END, 701), tolerance=FINE)
     if bound < np.inf:
         assert np.abs(motion["input"]).max() == pytest.approx(bound)
-    steps = wanted.get("output_step", 0.0), wanted.get("input_step", 0.0)
-    by_steps = Stepped(
-        force, rate_of_gain, bound, wanted.get("rate", np.inf), steps, wanted.get("delay", 0.0)
-    ).run(1.0)
+    start = np.array([0.1, -0.2, 0.3])
+    by_steps = Sampled(CART_A, CART_B, start, force, rate_of_gain, PERIOD, bound, **wanted)
+    last = by_steps.run(END)[:, -1]
     count = 3 if controller == "lqr" else 4
-    np.testing.assert_allclose(motion.end[:count], by_steps[:count], atol=1e-8, rtol=0)
+    np.testing.assert_allclose(motion.end[:count], last[:count], atol=1e-8, rtol=0)
     ends = simulate(loop, END, tolerance=FINE).end[:3]
-    assert np.abs(ends - by_steps[:3]).max() > 1e-5  # the clock matters
+    assert np.abs(ends - last[:3]).max() > 1e-5  # the clock matters
 
 
 def test_an_open_loop_has_actuators_but_no_sensors():

@@ -97,30 +97,31 @@ def through_hardware(
         return put(loop[input], known)
 
     signal = input_of(plant, loop[input].numel(), input)
-    clock = None
-    if period is not None:
-        clock = _Clock(signal, y.numel(), period, rate, output_step, input_step, loop.t)
-    seen = measured if clock is None else clock.seen.symbol
-    force = decided(seen) if clock is None else clock.force
+    if period is None:
+        states, ticks, outputs = [], [], [Output("seen", measured)]
+        seen, force = measured, decided(measured)
+    else:
+        clock = _Clock(signal, y.numel(), period, rate, loop.t)
+        tick = clock.tick(pack(loop.x), decided, measured, output_step, input_step)
+        states, ticks, outputs = clock.states, [tick], []
+        seen, force = clock.seen.symbol, clock.force
     fed = feed(plant, [signal], force)
-    outputs = {o.name: o for o in fed.outputs} | {input: Output(input, force, signal.unit)}
-    beyond = ca.vertcat(_NONE, *(s.symbol for s in (clock.states if clock else ())))
+    known = [*(o for o in loop.outputs if o.name in _TRUE), *fed.outputs]
+    shown = {o.name: o for o in (*known, Output(input, force, signal.unit))}
+    beyond = ca.vertcat(_NONE, *(s.symbol for s in states))
     after = ca.vertcat(pack(loop.x)[n:], beyond)
-    ticks = [] if clock is None else [clock.tick(pack(loop.x), decided, measured)]
     return replace(
         loop,
         name=f"{loop.name}, by hardware",
-        x=[*loop.x, *(clock.states if clock else ())],
+        x=[*loop.x, *states],
         ode=ca.vertcat(fed.ode, put(loop.ode[n:], seen), ca.SX.zeros(beyond.numel())),
         p=[*loop.p, *(lag for _, lag in late)],
         outputs=[
             *(
-                outputs.get(o.name, o)
-                if o.name in outputs or o.name in _TRUE
-                else Output(o.name, put(o.expression, seen), o.unit)
+                shown.get(o.name) or replace(o, expression=put(o.expression, seen))
                 for o in loop.outputs
             ),
-            *([] if clock else [Output("seen", seen)]),
+            *outputs,
         ],
         switches=[
             *(replace(s, reset=ca.vertcat(s.reset, after)) for s in fed.switches),
@@ -157,33 +158,31 @@ class _Clock:
     """States and switch of a controller that decides at multiples of a period."""
 
     def __init__(
-        self,
-        signal: Signal,
-        entries: int,
-        period: float,
-        rate: float,
-        output_step: float,
-        input_step: float,
-        time: ca.SX,
+        self, signal: Signal, entries: int, period: float, rate: float, time: ca.SX
     ) -> None:
         self.signal, self.period, self.time = signal, period, time
-        self.steps = output_step, input_step
         held = replace(signal, name="held_input", symbol=ca.SX.sym("held_input", signal.size))
         held = replace(held, lower=-math.inf, upper=math.inf, value=0.0)
-        before = replace(held, name="input_before", symbol=ca.SX.sym("before", signal.size))
         self.seen = Signal("seen", ca.SX.sym("seen", 2 * entries), value=0.0)
         self.next = Signal("next_sample", ca.SX.sym("next_sample"), "time", value=0.0)
-        limited = [before] if rate < math.inf else []
-        self.states = [self.seen, held, *limited, self.next]
+        self.limited: list[Signal] = []
         self.force = held.symbol
-        if limited:
+        if rate < math.inf:
+            before = ca.SX.sym("before", signal.size)
+            self.limited = [replace(held, name="input_before", symbol=before)]
             way = rate * (time - self.next.symbol + period)
-            moved = ca.fmax(-way, ca.fmin(way, held.symbol - before.symbol))
-            self.force = before.symbol + moved
+            self.force = before + ca.fmax(-way, ca.fmin(way, held.symbol - before))
+        self.states = [self.seen, held, *self.limited, self.next]
 
-    def tick(self, kept: ca.SX, decided: Callable[[ca.SX], ca.SX], measured: ca.SX) -> Switch:
+    def tick(
+        self,
+        kept: ca.SX,
+        decided: Callable[[ca.SX], ca.SX],
+        measured: ca.SX,
+        output_step: float,
+        input_step: float,
+    ) -> Switch:
         """The switch of a sample; `kept`: states without those of the clock."""
-        output_step, input_step = self.steps
         begin, m = self.next.symbol, self.seen.size // 2
         if output_step:
             y = _rounded(measured[:m], output_step)
@@ -192,7 +191,7 @@ class _Clock:
         force = decided(measured)
         if input_step:
             force, _ = saturated(self.signal, _rounded(force, input_step))
-        before = [self.force] if len(self.states) == 4 else []
+        before = [self.force for _ in self.limited]
         reset = ca.vertcat(kept, measured, force, *before, begin + self.period)
         return Switch("sample", self.time - begin, reset)
 

@@ -533,12 +533,9 @@ def as_tracked(plant: Model, output: str = "length", input: str = "input") -> Mo
         )
     check_sign(plant, output, input)
     units = {part.name: part.unit for part in (*plant.x, *plant.outputs)}
-    inputs = [replace(signal, name="input")]
     own = {"length": (y, units[output]), "rate": (rate, _RATES.get(units[output], "1"))}
-    if output == "length":
-        del own["length"]
-    for name in own:
-        if name in units and not ca.is_equal(plant[name], own[name][0], 9):
+    for name, (expression, _) in own.items():
+        if name in units and not ca.is_equal(plant[name], expression, 9):
             raise ArgumentError(
                 f"{plant.name} has another signal {name!r}, the name of the {name} of the tracked "
                 f"output; rename it, or write output={name!r}"
@@ -546,7 +543,7 @@ def as_tracked(plant: Model, output: str = "length", input: str = "input") -> Mo
     added = [Output(name, *given) for name, given in own.items() if name not in units]
     return replace(
         plant,
-        u=inputs,
+        u=[replace(signal, name="input")],
         p=[*plant.p, *(each for each in plant.u if each is not signal)],
         outputs=[*plant.outputs, *added],
     )

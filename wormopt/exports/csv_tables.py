@@ -6,11 +6,13 @@ import csv
 import io
 import re
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.exports.common import ExportedGait, remarks, times
+from wormopt.families.gathered import columns_of
 from wormopt.model.gait import Gait
 from wormopt.model.gait_table import remark_of_gait, signal_of
 from wormopt.quantities import Variable
@@ -38,15 +40,12 @@ def make(
     whole steps. Raises ArgumentError if there is nothing to write, there are no such columns, or
     a step is given without time.
     """
-    if result.kind == "sweep" and step is None and not columns:
-        from wormopt.families.gathered import as_csv
-
-        return {f"{stem}.csv": (_comments(remarks(result)) + as_csv(result)).encode()}
     made = tables(result, stem, step, columns, whole_steps=whole_steps)
     return {f"{name}.csv": _text(*table) for name, table in made.items()}
 
 
-Column = tuple[str, str, np.ndarray]  # name, unit, one value for each row
+Column = tuple[str, str, np.ndarray | list[Any]]
+"""Name, unit, and one value for each row."""
 Table = tuple[list[str], list[Column]]
 """Remarks, and columns."""
 
@@ -60,6 +59,9 @@ def tables(
     whole_steps: bool,
 ) -> dict[str, Table]:
     """Tables of a result by name, see `make`."""
+    if result.kind == "sweep" and step is None and not columns:
+        points = columns_of(result).items()
+        return {stem: (remarks(result), [(name, *column) for name, column in points])}
     if whole_steps and step is not None:
         about, found = _cycle(result, step)
         found = _chosen({stem: found}, columns)[stem]
@@ -140,17 +142,17 @@ def _cycle(result: Result, step: float) -> tuple[list[str], list[Column]]:
     ], columns
 
 
-def _comments(lines: Sequence[str]) -> str:
-    return "".join(f"# {line}\n" for line in lines)
+def plain(values: np.ndarray | list[Any]) -> list[Any]:
+    """Values of a column as numbers, texts and lists of Python."""
+    return values if isinstance(values, list) else values.tolist()
 
 
 def _text(remarks: Sequence[str], columns: Sequence[Column]) -> bytes:
     stream = io.StringIO()
-    stream.write(_comments(remarks))
+    stream.writelines(f"# {line}\n" for line in remarks)
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([f"{name} [{unit}]" for name, unit, _ in columns])
-    rows = ([v if isinstance(v, str) else repr(v) for v in c.tolist()] for _, _, c in columns)
-    writer.writerows(zip(*rows, strict=True))
+    writer.writerow([f"{name} [{unit}]" if unit else name for name, unit, _ in columns])
+    writer.writerows(zip(*(plain(values) for _, _, values in columns), strict=True))
     return stream.getvalue().encode()
 
 

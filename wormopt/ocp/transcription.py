@@ -33,8 +33,8 @@ _WITHIN = 1e-9
 # Weight of differences between neighbouring arcs of free duration within spans.
 _EVEN = 1e-6
 
-
 Prices = Mapping[str, tuple[np.ndarray, np.ndarray]]
+"""Derivatives by lower and by upper bounds, one for each entry, by the names of the bounds."""
 
 
 class ProgramBounds:

@@ -49,23 +49,3 @@ def random_crawler(seed: int) -> dict[str, Any]:
         "limits": limits,
         "objective": {"maximise": "speed", "effort": effort},
     }
-
-
-def as_toml(value: Any) -> str:
-    """Inline TOML of a table, a list, a number or a text."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {as_toml(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(as_toml, value)) + "]"
-    return (
-        f'"{value}"'
-        if isinstance(value, str)
-        else repr(float(value))
-        if isinstance(value, float)
-        else str(value)
-    )
-
-
-def scene_of(tables: dict[str, Any]) -> str:
-    """Text of a scene."""
-    return "\n".join(f"{key} = {as_toml(value)}" for key, value in tables.items())

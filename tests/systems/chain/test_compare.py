@@ -9,11 +9,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import wormopt as wo
+from tests.oracles.by_samples import Sampled
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.systems.chain.drawn import median_interval, share_interval
 
@@ -66,42 +66,25 @@ def found() -> wo.Result:
     return compared()
 
 
-def between(t: float, y: np.ndarray, u: float, seen: float, mass: float) -> list[float]:
-    """Rates of the cart and of the gain between samples, for the push and the place seen last."""
-    drag = DRAG * (y[1] - y[2])
-    growth = 30 * max(abs(seen - 0.3 * np.sin(np.pi * t)) - RADIUS, 0.0) ** 2
-    return [y[1], (u - SPRING * y[0] - drag) / mass, drag / WHEEL, growth]
-
-
-def by_steps(mass: float) -> np.ndarray:
+def by_steps() -> np.ndarray:
     """Error of the cart under the tracker (13) at the samples of the clock, by SciPy."""
-    omega = np.pi
-    z, gain, errors = np.array([0.1, 0.0, 0.0]), 1.0, []
-    for k in range(100):
-        t = k * 0.01
-        e = z[0] - 0.3 * np.sin(omega * t)
-        slope = z[1] - 0.3 * omega * np.cos(omega * t)
-        growth = 30 * max(abs(e) - RADIUS, 0.0) ** 2
-        u = float(np.clip(-(gain * e + growth * e + gain * slope), -3, 3))
-        errors.append(abs(e))
-        seen = float(z[0])
 
-        step = solve_ivp(
-            between, (t, t + 0.01), [*z, gain], args=(u, seen, mass), method="DOP853",
-            rtol=1e-12, atol=1e-13,
-        )  # fmt: skip
-        z, gain = step.y[:3, -1], step.y[3, -1]
-    return np.array(errors)
+    def growth(t: float, y: np.ndarray, gain: float) -> float:
+        return 30 * max(abs(y[0] - 0.3 * np.sin(np.pi * t)) - RADIUS, 0.0) ** 2
+
+    def force(t: float, y: np.ndarray, gain: float) -> float:
+        e, slope = y[0] - 0.3 * np.sin(np.pi * t), y[1] - 0.3 * np.pi * np.cos(np.pi * t)
+        return -((gain + growth(t, y, gain)) * e + gain * slope)
+
+    push, start = np.array([0.0, 1 / MASS, 0.0]), np.array([0.1, 0.0, 0.0])
+    place = Sampled(STATES, push, start, force, growth, 0.01, bound=3.0).run(1.0)[0]
+    return np.abs(place - 0.3 * np.sin(np.pi * np.linspace(0.0, 1.0, 101)))
 
 
 def test_a_sampled_loop_in_a_comparison_is_that_of_steps(found: wo.Result):
-    times = found["time"].values
-    samples = np.arange(100)
-    at = 5 * samples
-    np.testing.assert_allclose(times[at], 0.01 * samples, atol=1e-12)
-    np.testing.assert_allclose(
-        found["error_norm"].values[0, 0, at], by_steps(MASS)[samples], atol=1e-8
-    )
+    at = 5 * np.arange(101)
+    np.testing.assert_allclose(found["time"].values[at], np.linspace(0.0, 1.0, 101), atol=1e-12)
+    np.testing.assert_allclose(found["error_norm"].values[0, 0, at], by_steps(), atol=1e-8)
 
 
 def test_seven_rivals_have_numbers_intervals_a_table_and_pictures(found: wo.Result):

@@ -9,17 +9,7 @@ from typing import Any, Literal, TypeVar
 from msgspec import structs
 
 from wormopt.errors import ArgumentError, Fault, SceneError
-from wormopt.study import (
-    arrays,
-    attributes,
-    entry,
-    facts,
-    on_use,
-    scalars,
-    stage,
-    warnings,
-    whole,
-)
+from wormopt.study import arrays, attributes, entry, facts, on_use, scalars, stage, warnings, whole
 from wormopt.systems.chain.compare import Rivals
 from wormopt.systems.chain.controllers import (
     Crawl,
@@ -56,18 +46,9 @@ with on_use():
     from wormopt.model.model import Model
     from wormopt.numerics.workers import each
     from wormopt.ocp.optimise import Optimum
-    from wormopt.systems.chain.controllers import (
-        Controller,
-        Plan,
-        Planned,
-        make_plans,
-        numbers_on,
-    )
+    from wormopt.systems.chain.controllers import Controller, Plan, Planned, make_plans, numbers_on
     from wormopt.systems.chain.copies import Draw
-    from wormopt.systems.chain.drawn import (
-        Drawn,
-        known_table,
-    )
+    from wormopt.systems.chain.drawn import Drawn, known_table
     from wormopt.systems.chain.loops import labels
     from wormopt.systems.chain.optimal_tracking import optimal_input
     from wormopt.systems.chain.predictive import Decided, decide
@@ -348,9 +329,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
             raise SceneError(self.name, [("lqr", f"{error}; or leave the table out")]) from None
         return Controller(name, self.by_hardware(plant, loop))
 
-    def _planned(self, gait: Gait, plan: Plan) -> Model:
-        return self.driven(gait, plan.inputs, periodic=plan.periodic)
-
     def by_hardware(self, plant: Model, loop: Model) -> Model:
         """A loop whose controller measures and acts by the scene's hardware."""
         try:
@@ -373,7 +351,7 @@ class CompareTracking(Rivals, kind="compare-tracking"):
         yield from self.feedback_loops[index]
         found = {name: made.nominal for name, made in self.plans[index].items() if made.nominal}
         for name, plan in found.items():
-            yield Controller(name, self._planned(gait, plan))
+            yield Controller(name, self.driven(gait, plan.inputs, periodic=plan.periodic))
         for name, plan in found.items() if self.lqr else ():
             yield self._lqr(f"{name} + LQR", gait, plan)
         for name, decided in self.decisions[index].items():
@@ -392,8 +370,10 @@ class CompareTracking(Rivals, kind="compare-tracking"):
 
     def _on_known(self, plan: Plan | None, draw: Draw) -> dict[str, Any] | None:
         """Quantities of a drawn plant under a plan made for it; None without plan or motion."""
-        model = plan and self._planned(self.gaits[0], plan)
-        return model and numbers_on(draw, model, self.tube, self.time.end)
+        if plan is None:
+            return None
+        model = self.driven(self.gaits[0], plan.inputs, periodic=plan.periodic)
+        return numbers_on(draw, model, self.tube, self.time.end)
 
     # -- results -----------------------------------------------------------------------------------
 

@@ -35,18 +35,17 @@ class Slope:
 
 
 def slopes(task: CrawlTask, optimum: Optimum, cycles: int) -> list[Slope]:
-    """Derivatives of the maximised speed, or the cost, by all limits, from the multipliers.
+    """Derivatives of the maximised speed, or of the cost, by all limits, from the multipliers.
 
-    The order of rests is kept. A limit that does not bind has 0.
+    The order of rests does not change. The derivative by a limit that does not bind is 0.
     """
     size = abs(optimum.objective) or 1.0
     sign = 1.0 if task.objective.minimise else -1.0
     found = []
     for name, value, quantity, slope in _slopes(task, optimum, cycles):
-        derivative = sign * slope
-        elasticity = derivative * value / size
+        elasticity = sign * slope * value / size
         binds = abs(elasticity) > _NOTHING
-        known = (derivative, elasticity) if binds else (0.0, 0.0)
+        known = (sign * slope, elasticity) if binds else (0.0, 0.0)
         found.append(Slope(name, value, quantity, *known))
     return found
 
@@ -55,11 +54,10 @@ def _slopes(
     task: CrawlTask, optimum: Optimum, cycles: int
 ) -> Iterator[tuple[str, float, str, float]]:
     limits, links = task.limits, task.worm.links
-    prices = optimum.prices
 
     def price(name: str) -> tuple[np.ndarray, np.ndarray]:
         nothing = np.zeros(links)
-        return prices.get(name, (nothing, nothing))
+        return optimum.prices.get(name, (nothing, nothing))
 
     shortest, longest = limits.period_range
     low, high = (float(side[0]) / cycles for side in price("duration"))
@@ -81,19 +79,9 @@ def _slopes(
     for key, quantity in (("rate", "speed"), ("acceleration", "acceleration")):
         low, high = price(f"limits.{key}")
         yield from _each(key, getattr(limits, key), quantity, high - low)
-    yield from _each(
-        "actuator_power", limits.actuator_power, "power", price("limits.actuator_power")[1]
-    )
-    if limits.energy_per_cycle is not None:
-        above = float(price("limits.energy_per_cycle")[1][0])
-        yield "energy_per_cycle", limits.energy_per_cycle, "energy", above
-    if task.objective.speed is not None:
-        yield (
-            "objective.speed",
-            task.objective.speed,
-            "speed",
-            float(price("objective.speed")[0][0]),
-        )
+    for key, quantity in (("actuator_power", "power"), ("energy_per_cycle", "energy")):
+        yield from _each(key, getattr(limits, key), quantity, price(f"limits.{key}")[1])
+    yield from _each("objective.speed", task.objective.speed, "speed", price("objective.speed")[0])
 
 
 def _each(
@@ -126,22 +114,17 @@ def bound_of(task: CrawlTask) -> float | None:
         -float(law.slip_force(_FAST, 1)) for law in laws if not isinstance(law, Viscous)
     )
     if aim.minimise is not None:
-        least = force + drag * (aim.speed or 0.0) if force >= 0 else 0.0
-        return least / sum(per(worm.mass, masses))
-    given = [_power(*one) for one in _links(task)]
-    power = sum(given)
-    if not math.isfinite(power) or force <= 0.0 < power:
-        fast = drag > 0.0 and math.isfinite(power)
-        speed = (math.sqrt(force**2 + 4 * drag * power) - force) / (2 * drag) if fast else None
-    else:
-        speed = 2 * power / (force + math.sqrt(force**2 + 4 * drag * power)) if power else 0.0
-    if speed is None:
+        return max(0.0, force + drag * (aim.speed or 0.0)) / sum(per(worm.mass, masses))
+    power = sum(_power(*one) for one in _links(task))
+    root = math.sqrt(force**2 + 4 * drag * power)
+    if not math.isfinite(power) or (force <= 0.0 and not drag):
         return None
+    # the larger V with drag V^2 + force V = power, without cancellation
+    speed = 2 * power / (force + root) if force > 0.0 else (root - force) / (2 * drag)
     if aim.effort and force > 0.0:
         # with less force an actuator gives less power, but costs less
-        speed = min(
-            speed, sum(_worth(*one, price=force, effort=aim.effort) for one in _links(task))
-        )
+        worth = (_worth(*one, price=force, effort=aim.effort) for one in _links(task))
+        speed = min(speed, sum(worth))
     return -speed
 
 

@@ -393,8 +393,13 @@ def _whole(found: Optimum) -> Guess:
 
 def coarse(task: CrawlTask, start: Start) -> Solved | None:
     """Solve with relaxed contact on a coarse mesh; None if this fails."""
+    return _found(lambda: _coarse(task, start.guess(task)))
+
+
+def _found(solve: Callable[[], Optimum]) -> Solved | None:
+    """Send an optimum; None if there is no solution."""
     try:
-        return _sent(_coarse(task, start.guess(task)))
+        return _sent(solve())
     except SolveError:
         return None
 
@@ -403,12 +408,15 @@ def _stretched(near: Guess, duration: float) -> Guess:
     """The same motion over another duration."""
     scale = near.duration / duration
 
-    def over(curve: Curve | None) -> Curve | None:
-        return None if curve is None else lambda t: curve(t * scale)
+    def over(curve: Curve) -> Curve:
+        return lambda t: curve(t * scale)
 
-    states = over(near.states) or near.states
     return replace(
-        near, duration=duration, states=states, inputs=over(near.inputs), forces=over(near.forces)
+        near,
+        duration=duration,
+        states=over(near.states),
+        inputs=near.inputs and over(near.inputs),
+        forces=near.forces and over(near.forces),
     )
 
 
@@ -436,10 +444,7 @@ def _sharp(
 
 def sharp(task: CrawlTask, first: Solved) -> Solved | None:
     """Sharpen a coarse optimum; None if this fails."""
-    try:
-        return _sent(_sharp(task, _whole(first.optimum(task)), task.mesh.arcs))
-    except SolveError:
-        return None
+    return _found(lambda: _sharp(task, _whole(first.optimum(task)), task.mesh.arcs))
 
 
 def polished(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
@@ -448,18 +453,15 @@ def polished(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
     phases = structure_of(detected.motion, speed=None).durations
     if len(phases) > task.mesh.arcs / _ARCS_A_PHASE:
         return None
-    try:
-        return _sent(
-            optimise_switching_times(
-                detected,
-                collocation=_PHASE,
-                tolerance=task.mesh.tolerance,
-                solver=_POLISH,
-                report=report,
-            )
+    return _found(
+        lambda: optimise_switching_times(
+            detected,
+            collocation=_PHASE,
+            tolerance=task.mesh.tolerance,
+            solver=_POLISH,
+            report=report,
         )
-    except SolveError:
-        return None
+    )
 
 
 def _halved(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
@@ -470,10 +472,7 @@ def _halved(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
     near = replace(motion.guess, phases=halves)
     fixed = found.duration[0] == found.duration[1]
     duration = motion.duration if fixed else None
-    try:
-        return _sent(_sharp(task, near, len(halves), duration, _HALVED))
-    except SolveError:
-        return None
+    return _found(lambda: _sharp(task, near, len(halves), duration, _HALVED))
 
 
 def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[float]]:

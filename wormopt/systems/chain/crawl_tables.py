@@ -118,6 +118,11 @@ class Aim(Given):
         "speed", "lower limit of the mean speed; default: none", default=None
     )
 
+    @property
+    def quantity(self) -> str:
+        """Quantity of the minimised value."""
+        return "acceleration" if self.minimise else "speed"
+
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield conflicts between the keys."""
         if (self.maximise is None) == (self.minimise is None):

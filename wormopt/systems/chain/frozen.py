@@ -59,18 +59,11 @@ def task_of(plant: Model, laws: Sequence[Law], gait: Gait, shift: float, rest: n
         ode=at_rest + ca.vertcat(ca.SX.zeros(links + 1), push / mass),
         u=[plant.u[0], Signal("push", push, "force", value=0.0)],
     )
-    intervals = np.array([_interval(law) for law in laws] or np.zeros((links + 1, 2)))
-    low, high = intervals.T
-    bounded = np.isfinite(intervals).all()
     load = np.asarray(next(s.value for s in plant.p if s.name == "load"), dtype=float)
-    return Task(
-        Plant.of(linearise(pushed, output="length"), links),
-        gait.period,
-        _over_period(gait, shift) - rest[:, None],
-        -np.broadcast_to(load, links + 1),
-        (low + high) / 2 if bounded else np.zeros(links + 1),
-        (high - low) / 2 if bounded else np.full(links + 1, np.inf),
-    )
+    offset = _over_period(gait, shift) - rest[:, None]
+    ground = [_interval(law) for law in laws] or [(0.0, 0.0)] * (links + 1)
+    linear = Plant.of(linearise(pushed, output="length"), links)
+    return _task(linear, gait, offset, -np.broadcast_to(load, links + 1), ground)
 
 
 def task_of_own(plant: Model, laws: Sequence[Law], gait: Gait, shift: float) -> Task:
@@ -87,28 +80,34 @@ def task_of_own(plant: Model, laws: Sequence[Law], gait: Gait, shift: float) -> 
             "operating point"
         )
     linear = linearise(free, output="length")
-    at_zero = linearised_at_zero(free)
-    rates, lengths = at_zero[: free.n_x], at_zero[free.n_x :]
+    rates, lengths = _at_zero(free)
     rest = np.linalg.lstsq(linear.A, -rates, rcond=None)[0]
     if np.abs(linear.A @ rest + rates).max() > _RESTS * max(np.abs(rates).max(), 1e-300):
         raise ArgumentError(
             f"{plant.name} has no state of rest without input, as linear theory needs"
         )
-    intervals = np.array([_interval(law) for law in laws if not isinstance(law, Viscous)])
-    low, high = intervals.reshape(-1, 2).T
-    bounded = np.isfinite(intervals).all()
-    return Task(
-        Plant.of(linear, len(lengths)),
-        gait.period,
-        _over_period(gait, shift) - (linear.C @ rest + lengths)[:, None],
-        np.zeros(len(low)),
-        (low + high) / 2 if bounded else np.zeros(len(low)),
-        (high - low) / 2 if bounded else np.full(len(low), np.inf),
-    )
+    offset = _over_period(gait, shift) - (linear.C @ rest + lengths)[:, None]
+    ground = [_interval(law) for law in laws if not isinstance(law, Viscous)]
+    return _task(Plant.of(linear, len(lengths)), gait, offset, np.zeros(len(ground)), ground)
 
 
-def linearised_at_zero(model: Model) -> np.ndarray:
-    """Rates of the states, and lengths, of a linear model at states and inputs of 0."""
+def _task(
+    plant: Plant,
+    gait: Gait,
+    offset: np.ndarray,
+    load: np.ndarray,
+    ground: Sequence[tuple[float, float]],
+) -> Task:
+    """Task for dry forces of the ground within intervals, or unknown ones if one is unbounded."""
+    low, high = np.array(ground).reshape(-1, 2).T
+    middle, half = np.zeros(len(low)), np.full(len(low), np.inf)
+    if np.isfinite(ground).all():
+        middle, half = (low + high) / 2, (high - low) / 2
+    return Task(plant, gait.period, offset, load, middle, half)
+
+
+def _at_zero(model: Model) -> list[np.ndarray]:
+    """Rates of the states, and lengths, at time 0 for states and inputs of 0."""
     explicit = Explicit(model, "length")
     found = explicit.function("zero", explicit.rates, explicit.observed)(
         0.0,
@@ -118,7 +117,7 @@ def linearised_at_zero(model: Model) -> np.ndarray:
         1.0,
         explicit.scheduled(0.0),
     )
-    return np.concatenate([part.full().ravel() for part in found])
+    return [part.full().ravel() for part in found]
 
 
 def _over_period(gait: Gait, shift: float) -> np.ndarray:

@@ -199,9 +199,11 @@ def faults_of_hardware(
     hardware: Hardware, end: float, trackers: Sequence[Tracker] = ()
 ) -> Iterator[Fault]:
     """Yield what is invalid for motions from 0 to `end` with these trackers."""
-    own = {"noise_interval": hardware.interval if hardware.noise else 0.0, "delay": hardware.delay}
-    for name, length in (own | {"period": hardware.period or 0.0}).items():
-        most = _MOST_SAMPLES if name == "period" else _MOST_STRETCHES
+    lengths = {"period": (hardware.period, _MOST_SAMPLES)}
+    lengths["delay"] = hardware.delay, _MOST_STRETCHES
+    if hardware.noise:
+        lengths["noise_interval"] = hardware.interval, _MOST_STRETCHES
+    for name, (length, most) in lengths.items():
         if length and end / length > most:
             cut = f"cuts the time into {end / length:.2g} stretches"
             yield f"hardware.{name}", f"{cut}; write {end / most:g} or more"

@@ -361,8 +361,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         name="objective",
     )
     def minimised(self) -> Scalar:
-        quantity = "acceleration" if self.objective.minimise else "speed"
-        return Scalar(self.optimum.objective, unit_of(quantity, self.units))
+        return Scalar(self.optimum.objective, unit_of(self.objective.quantity, self.units))
 
     @property
     def cycles_in_period(self) -> int:
@@ -379,7 +378,6 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @scalars({}, when="single_chain")
     def derivatives(self) -> dict[str, Scalar]:
-        quantity = "acceleration" if self.objective.minimise else "speed"
         values, quantities = dict[str, Any](), dict[str, str]()
         for limit in self.sensitivity:
             key = limit.name.partition("[")[0]
@@ -389,7 +387,9 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
             else:
                 values[key] = limit.derivative
         return {
-            f"sensitivity.{key}": Scalar(v, unit_ratio(quantity, quantities[key], self.units))
+            f"sensitivity.{key}": Scalar(
+                v, unit_ratio(self.objective.quantity, quantities[key], self.units)
+            )
             for key, v in values.items()
         }
 
@@ -414,8 +414,8 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         when="is_bounded",
     )
     def bound(self) -> Scalar | None:
-        quantity = "acceleration" if self.objective.minimise else "speed"
-        return None if self.least is None else Scalar(self.least, unit_of(quantity, self.units))
+        unit = unit_of(self.objective.quantity, self.units)
+        return None if self.least is None else Scalar(self.least, unit)
 
     # -- signals and convergence -------------------------------------------------------------------
 

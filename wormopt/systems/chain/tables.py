@@ -553,6 +553,11 @@ class Tube(Given):
         default=0.0,
     )
 
+    def faults_in(self, end: float) -> Iterator[Fault]:
+        """Yield a capture that is not before the end of the motion."""
+        if self.capture >= end:
+            yield "tube.capture", f"is not before the end of the motion, {end:g}; write less"
+
 
 class LeastError(Given, tag_field="minimise", tag="error"):
     """Minimises ∫(|*e*|² + *ρ*|*u*|²) d*t*; |·| is the Euclidean norm over the links."""

@@ -189,9 +189,6 @@ class Track(Tracking, kind="track"):
             if self.ensemble is not None and word in self.want:
                 message = f'"{word}" shows a single worm; write "bands", or leave out [ensemble]'
                 yield "want", message
-        for word in ("motion", "animation"):
-            if self.model is not None and word in self.want:
-                yield "want", f'"{word}" shows masses of a chain; write "trackers"'
 
     def faults_of_sizes(self, links: int) -> Iterator[Fault]:
         """Yield gaits and trackers that do not fit the number of links."""

@@ -48,7 +48,6 @@ with on_use():
     import numpy as np
 
     from wormopt.control.drive import drive
-    from wormopt.control.loop import Reference as Followed
     from wormopt.control.loop import with_reference
     from wormopt.model.model import Model
     from wormopt.model.values import nominal_of
@@ -125,11 +124,7 @@ class TrackOptimal(Tracking, kind="track-optimal"):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows."""
         yield from super().faults_of_keys()
-        if self.tube.capture >= self.time.end:
-            yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
-        for word in ("motion", "animation"):
-            if self.model is not None and word in self.want:
-                yield "want", f'"{word}" shows masses of a chain; write "trackers"'
+        yield from self.tube.faults_in(self.time.end)
 
     def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
         """Yield what is not supported of a chain."""
@@ -141,11 +136,6 @@ class TrackOptimal(Tracking, kind="track-optimal"):
             )
 
     # -- computing ---------------------------------------------------------------------------------
-
-    @cached_property
-    def followed(self) -> Followed:
-        """Reference of the output over time."""
-        return self.target(self.plant)
 
     @stage
     def optimum(self) -> Optimum:

@@ -50,7 +50,6 @@ with on_use():
 
     from wormopt.control.drive import drive
     from wormopt.control.estimation import places
-    from wormopt.control.loop import Reference as Followed
     from wormopt.control.loop import with_reference
     from wormopt.control.lqr import lqr
     from wormopt.control.predictive import MpcOptions, MpcPlan, MpcRun, run_mpc
@@ -206,8 +205,7 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         yield from self.predictive.faults_in(self.time.end, self.units)
         if self.estimation is not None and self.model is not None:
             yield "estimation", "estimates parameters of chains; leave the table out"
-        if self.tube.capture >= self.time.end:
-            yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
+        yield from self.tube.faults_in(self.time.end)
 
     def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
         """Yield what is not supported of a chain."""
@@ -224,11 +222,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         """Nominal plant with the limits of its inputs."""
         plant, force = self.plant_for(self.gait), self.predictive.force
         return plant if force is None else limited(plant, force)
-
-    @cached_property
-    def followed(self) -> Followed:
-        """Reference of the output over time."""
-        return self.target(self.plant)
 
     @cached_property
     def draws(self) -> Sequence[Draw]:

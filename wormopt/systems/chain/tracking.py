@@ -172,6 +172,13 @@ class Tracking(Following):
 
     reference: Reference = entry("reference of the links, or of the plant's output")
 
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield what no single key shows, and pictures that need a chain."""
+        yield from super().faults_of_keys()
+        for word in ("motion", "animation"):
+            if self.model is not None and word in self.want:
+                yield "want", f'"{word}" shows masses of a chain; write "trackers"'
+
     def faults_of_sizes(self, links: int) -> Iterator[Fault]:
         """Yield what does not fit the number of links."""
         yield from self.faults_of_gait(self.reference.gait, links, "reference.gait")
@@ -185,6 +192,11 @@ class Tracking(Following):
     def plant(self) -> Model:
         """The plant without a controller."""
         return self.plant_for(self.gait)
+
+    @cached_property
+    def followed(self) -> Followed:
+        """Reference of the output of `plant`."""
+        return self.target(self.plant)
 
     @property
     def shift(self) -> float:

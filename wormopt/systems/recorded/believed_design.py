@@ -28,13 +28,13 @@ from wormopt.systems.spiked import (
     Limits,
     Objective,
     Search,
-    Worm,
 )
 
 with on_use():
     import numpy as np
 
     from wormopt.systems.spiked import (
+        Believed,
         Crawl,
         Design,
         DesignReport,
@@ -104,7 +104,7 @@ class BelievedDesign(Study):
         search: Search
         motor: Any
         fitting: Any  # a stage with the Fit
-        believed: Any  # Believed
+        believed: Any  # member with a Believed
 
         @property
         def limits(self) -> Limits: ...
@@ -115,19 +115,14 @@ class BelievedDesign(Study):
         return self.fitting.converged
 
     @property
-    def plant_worm(self) -> Worm | None:
-        """The real worm, if it is given."""
+    def real(self) -> Believed | None:
+        """The real worm, with parameters that are known exactly, if it is given."""
         raise NotImplementedError
 
     @property
     def plant_limits(self) -> Limits:
         """The limits, which may depend on the parameters of the real worm."""
         return self.limits
-
-    @property
-    def plant_numbers(self) -> np.ndarray:
-        """Parameters of the real worm, in the order of `Believed.numbers`."""
-        raise NotImplementedError
 
     def in_own_words(self, error: SolveError) -> SolveError:
         """Rewrite the error of a design with what the kind calls its limits."""
@@ -137,12 +132,10 @@ class BelievedDesign(Study):
 
     @stage
     def design(self) -> Robust:
-        objective, search = self.objective, self.search
-        believed = self.believed
+        believed, limits = self.believed, self.limits
+        how = self.objective, self.confidence, self.search, self.report
         try:
-            return design_believed(
-                believed, self.limits, objective, self.confidence, search, self.report
-            )
+            return design_believed(believed, limits, *how)
         except SolveError as error:
             raise self.in_own_words(with_keys(error, self)) from None
 
@@ -201,13 +194,14 @@ class BelievedDesign(Study):
     @property
     def is_tested(self) -> bool:
         """Whether the gait is tested on the real worm."""
-        return self.plant_worm is not None and self.converged
+        return self.real is not None and self.converged
 
     @stage
     def best_on_plant(self) -> Design:
-        nominal = self.design.nominal
+        nominal, real = self.design.nominal, self.real
+        assert real is not None
         known = Search(sequence=nominal.sequence, workers=self.search.workers)
-        task = nominal.task.vary(worm=self.plant_worm, limits=self.plant_limits)
+        task = nominal.task.vary(worm=real.worm(), limits=self.plant_limits)
         try:
             return designed(task, known, self.report)
         except SolveError as error:
@@ -216,9 +210,9 @@ class BelievedDesign(Study):
 
     @parts(OnPlant, when="is_tested")
     def test_on_plant(self) -> OnPlant:
-        plant = self.plant_worm
-        assert plant is not None
-        motion, bold = (on_plant(one, plant) for one in (self.design.design, self.design.nominal))
+        real, found = self.real, self.design
+        assert real is not None
+        motion, bold = (on_plant(one, real.worm()) for one in (found.design, found.nominal))
         best = self.best_on_plant
         return OnPlant(
             motion=motion,
@@ -227,7 +221,7 @@ class BelievedDesign(Study):
             plant_spike_load_bold=bold.extremes("reaction")[1].max(),
             plant_best=best.speed,
             plant_share=motion.speed / best.speed,
-            plant_distance=self.believed.distance(self.plant_numbers),
+            plant_distance=self.believed.distance(real.numbers),
             plant_time=motion.time,
             plant_load=motion["reaction"].max(axis=0),
             bold_time=bold.time,

@@ -21,7 +21,7 @@ from wormopt.study import (
     warnings,
     whole,
 )
-from wormopt.study.types import PerMass, Positive, Seed
+from wormopt.study.types import PerMass, Positive, Seed, per
 from wormopt.systems.recorded.believed_design import BelievedDesign
 from wormopt.systems.recorded.recordings import RecordingFile, Run, read_all, run_of
 from wormopt.systems.recorded.tables import named_twice
@@ -30,7 +30,6 @@ from wormopt.systems.spiked import (
     DesignTable,
     Objective,
     Shape,
-    Worm,
 )
 
 with on_use():
@@ -271,18 +270,13 @@ class FitDesign(DesignTable, BelievedDesign, kind="fit-design"):
     # -- the test on the plant ---------------------------------------------------------------------
 
     @property
-    def plant_worm(self) -> Worm | None:
+    def real(self) -> Believed | None:
         """The real worm, if it is given."""
-        if self.plant is None:
+        if (plant := self.plant) is None:
             return None
-        return Worm(self.worm.links, self.plant.mass, self.plant.drag, self.plant.load)
-
-    @property
-    def plant_numbers(self) -> np.ndarray:
-        """Parameters of the real worm, in the order of `Believed.numbers`."""
-        plant = self.plant_worm
-        assert plant is not None
-        return np.array([*plant.masses, plant.drag, *[plant.load_range[0]] * len(plant.masses)])
+        mass = tuple(per(plant.mass, len(self.worm.masses)))
+        exact = np.zeros((len(mass) + 2, len(mass) + 2))
+        return Believed.of_one_load(mass, plant.drag, plant.load, exact)
 
     # -- trust -------------------------------------------------------------------------------------
 

@@ -30,7 +30,7 @@ from wormopt.systems.recorded.fit import FitRecordings
 from wormopt.systems.recorded.found import label_of
 from wormopt.systems.recorded.tables import SceneTables, scene_of
 from wormopt.systems.shared.gravity import assumed
-from wormopt.systems.spiked import Objective, Worm, WormlessDesignTable, faults_of_limits
+from wormopt.systems.spiked import Objective, WormlessDesignTable, faults_of_limits
 
 with on_use():
     import numpy as np
@@ -300,8 +300,8 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         """Masses, drag, loads and grips of the worm, with their covariance."""
         fitted = self.fitting
         values, slopes = self._parameters
-        mass, drag, load, grip = _as_spiked(values)
-        d_mass, d_drag, d_load, d_grip = _as_spiked(slopes)
+        _, drag, load, grip = _as_spiked(values)
+        _, d_drag, *_ = _as_spiked(slopes)
         if not np.allclose(drag, drag[0]) or not np.allclose(d_drag, d_drag[0]):
             what = "the drag differs between masses; give or fit one drag for all"
             raise SceneError(self.name, [("fit", what)])
@@ -311,28 +311,23 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
                 f"backward together, but these are {load.tolist()} and {grip.tolist()}",
                 "give bounds of the friction, or turn the worm round",
             )
-        each = np.vstack([d_mass, d_drag[:1], d_load, d_grip])
         freedom = fitted.task.count - len(fitted.theta) if fitted.estimated else np.inf
-        beside = np.vstack([slopes[name] for name in _SPRINGS])
-        has_limit = self.gait.actuator_force is not None
-        return Believed(
-            tuple(mass.tolist()), float(drag[0]), tuple(load.tolist()), each, fitted.covariance,
-            freedom, tuple(grip.tolist()), beside if has_limit else None,
-        )  # fmt: skip
+        found = _believed(values, slopes, fitted.covariance, freedom)
+        if self.gait.actuator_force is None:
+            return found
+        return replace(found, beside=np.vstack([slopes[name] for name in _SPRINGS]))
 
     # -- limits ------------------------------------------------------------------------------------
 
     @property
     def limits(self) -> Limits:
         """Limits of the gait; those of the actuators without what the springs may need."""
-        values, slopes = self._parameters
-        believed = self.believed
-        return self._beside_springs(values, slopes, believed.reach(self.confidence))
+        return self._beside_springs(*self._parameters, self.believed.reach(self.confidence))
 
     def _beside_springs(
         self, values: dict[str, np.ndarray], slopes: dict[str, np.ndarray], reach: float
     ) -> Limits:
-        """Limits for given parameters; springs and dashpots need the more, the wider the limits."""
+        """Limits less the largest forces of springs and dashpots, within `reach` of the values."""
         limits = super().limits
         if (given := limits.actuator_force) is None:
             return limits
@@ -410,36 +405,21 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         return load_scene(scene_of(study.model, study.folder, study.units), self.plant or {})
 
     @cached_property
-    def _plant_values(self) -> dict[str, np.ndarray]:
-        return values_of(next(iter(self._plant_scene.table.models().values())))
+    def _exact(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Values of the real worm's parameters, and their derivatives, which are 0."""
+        values = values_of(next(iter(self._plant_scene.table.models().values())))
+        return values, {name: np.zeros_like(rows) for name, rows in self._parameters[1].items()}
 
     @property
-    def plant_worm(self) -> Worm | None:
+    def real(self) -> Believed | None:
         """The real worm, if it is given."""
-        if self.plant is None:
-            return None
-        mass, drag, load, grip = _as_spiked(self._plant_values)
-        no = np.zeros((0, 0))
-        true = Believed(
-            tuple(mass.tolist()), float(drag[0]), tuple(load.tolist()),
-            np.zeros((3 * len(mass) + 1, 0)), no, grip=tuple(grip.tolist()),
-        )  # fmt: skip
-        return true.worm()
+        return None if self.plant is None else _believed(*self._exact, self.fitting.covariance)
 
     @property
     def plant_limits(self) -> Limits:
         """Limits on the real worm, whose friction holds the masses."""
-        values = self._plant_values
-        none = {name: np.zeros((len(v), len(self.fitting.theta))) for name, v in values.items()}
-        grip = _as_spiked(values)[3]
-        limits = self._beside_springs(values, none, 0.0)
+        limits, grip = self._beside_springs(*self._exact, 0.0), _as_spiked(self._exact[0])[3]
         return structs.replace(limits, spike_load=tuple(grip.tolist()))
-
-    @property
-    def plant_numbers(self) -> np.ndarray:
-        """Parameters of the real worm, in the order of `Believed.numbers`."""
-        mass, drag, load, grip = _as_spiked(self._plant_values)
-        return np.concatenate([mass, drag[:1], load, grip])
 
     # -- trust -------------------------------------------------------------------------------------
 
@@ -465,6 +445,19 @@ def _as_spiked(of: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
     """Mass, drag, load and grip of each mass of a spiked worm; or derivatives of these."""
     mass, drag, load, forward, backward = (of[name] for name in _CHAIN)
     return mass, drag, load + forward, forward + backward
+
+
+def _believed(
+    values: Mapping[str, np.ndarray],
+    slopes: Mapping[str, np.ndarray],
+    covariance: np.ndarray,
+    freedom: float = math.inf,
+) -> Believed:
+    """Spiked worm with a chain's parameters; `slopes` are their derivatives by the coordinates."""
+    mass, drag, load, grip = (tuple(each.tolist()) for each in _as_spiked(values))
+    d_mass, d_drag, d_load, d_grip = _as_spiked(slopes)
+    rows = np.vstack([d_mass, d_drag[:1], d_load, d_grip])
+    return Believed(mass, drag[0], load, rows, covariance, freedom, grip)
 
 
 def values_of(model: Model) -> dict[str, np.ndarray]:
