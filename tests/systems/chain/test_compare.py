@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -124,6 +125,39 @@ def test_seven_rivals_have_numbers_intervals_a_table_and_pictures(found: wo.Resu
     assert "| distance |" not in found.attributes["table"]
     # the open loop has its own push, whatever the plant does
     np.testing.assert_allclose(found["input"].values[0, 6, :, 1:], 0.5, atol=1e-12)
+
+
+def proportional(plant: wo.Model, aim: wo.Reference) -> wo.Model:
+    """A loop of one's own that commands more than any limit."""
+    push = -400.0 * (plant["length"] - aim.value) - 20.0 * (plant["rate"] - aim.rate)
+    names = [output.name for output in plant.outputs]
+    parts = [plant.ode, *(plant[name] for name in names)]
+    ode, *shown = ca.substitute(parts, [plant.u[0].symbol], [push])
+    pairs = zip([*names, "input"], [*shown, push], strict=True)
+    return replace(
+        plant,
+        u=[],
+        ode=ode,
+        outputs=[wo.Output(*pair) for pair in pairs],
+        schedules=[*plant.schedules, *aim.schedules],
+    )
+
+
+@pytest.mark.parametrize("period", [None, 0.01])
+def test_hardware_limits_a_loop_of_ones_own(period: float | None):
+    """The cart at 0.1 is told to go to 0.8 by at most 3, so its first push is 3 for a while."""
+    aim = wo.gait_reference(wo.Gait([0.0, 1.0], [[[0.8]]]), (plant := cart()).t)
+    found = wo.compare(
+        plant, aim, {"mine": proportional}, end=0.2, tube_radius=RADIUS, members=2,
+        hardware=wo.Hardware(period=period, input_limit=3.0), output="place", input="push",
+    )  # fmt: skip
+    pushed = solve_ivp(
+        between, (0.0, 0.2), [0.1, 0.0, 0.0, 0.0], args=(3.0, 0.1, MASS), method="DOP853",
+        t_eval=found["time"].values, rtol=1e-11, atol=1e-12,
+    )  # fmt: skip
+    assert (400 * (0.8 - pushed.y[0]) - 20 * pushed.y[1]).min() > 3.0  # cut all the time
+    np.testing.assert_allclose(found["input"].values[0, 0, 0], 3.0, atol=1e-12)
+    np.testing.assert_allclose(found["error_norm"].values[0, 0], 0.8 - pushed.y[0], atol=1e-7)
 
 
 # -- scenes ----------------------------------------------------------------------------------------

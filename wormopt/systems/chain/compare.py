@@ -34,7 +34,7 @@ with on_use():
 
     from wormopt.control.drive import drive
     from wormopt.control.interconnect import own_states
-    from wormopt.control.loop import Reference, TrackingError, as_tracked, with_reference
+    from wormopt.control.loop import Reference, TrackingError, as_tracked, cut, with_reference
     from wormopt.model.gait import Gait
     from wormopt.model.given import check_kind
     from wormopt.model.model import Model
@@ -383,6 +383,7 @@ def _closed(
         )
     courses = {schedule.name for schedule in loop.schedules}
     error = TrackingError.of(plant, reference)
+    loop = cut(plant, loop)
     return replace(
         loop,
         outputs=[*loop.outputs, *(o for o in error.shown(reference) if o.name not in names)],
