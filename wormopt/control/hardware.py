@@ -180,7 +180,8 @@ class _Clock:
         self.states = [self.seen, held, *limited, self.next]
         self.force = held.symbol
         if limited:
-            way = rate * (time - self.next.symbol + period)
+            # not below 0 by rounding, which a rate that means none would magnify
+            way = rate * ca.fmax(time - self.next.symbol + period, 0.0)
             moved = ca.fmax(-way, ca.fmin(way, held.symbol - before.symbol))
             self.force = before.symbol + moved
 

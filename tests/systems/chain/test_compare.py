@@ -464,7 +464,12 @@ def wrong(rival: Any, **changes: Any) -> Any:
         (lambda plant, aim: None, {}, "'mine': what it returns"),
         (lambda plant, aim: cart(), {}, "'mine': cart is no loop around this cart"),
         (partial(wo.lqr, error_weight=-1.0), {}, "'mine': error_weight must be positive"),
-        (partial(wo.lqr, error_weight=1.0), {"spread": {"m": 1.0}}, "spread of m must be"),
+        (
+            partial(wo.lqr, error_weight=1.0),
+            {"spread": {"m": 1.0}},
+            "spread of m is 1.0; write",
+        ),
+        (partial(wo.lqr, error_weight=1.0), {"spread": "0.2"}, "spread of m is '0.2'; write"),
         (partial(wo.lqr, error_weight=1.0), {"spread": {"c": 0.1}}, "no parameter 'c' to draw"),
         (partial(wo.lqr, error_weight=1.0), {"capture": 2.0}, "tube.capture"),
         (partial(wo.lqr, error_weight=1.0), {"output": "v"}, "relative degree below two"),
@@ -473,6 +478,14 @@ def wrong(rival: Any, **changes: Any) -> Any:
 def test_wrong_rivals_are_refused_by_name(rival: Any, changes: dict[str, Any], message: str):
     with pytest.raises(ArgumentError, match=re.escape(message)):
         wrong(rival, **changes)
+
+
+def test_a_rival_has_a_name():
+    plant = cart()
+    aim = wo.gait_reference(wo.travelling_sine(1, 2.0, 0.0, 0.3, 0.0), plant.t)
+    unnamed: Any = {1: partial(wo.lqr, error_weight=1.0)}
+    with pytest.raises(ArgumentError, match=r"names of rivals must be non-empty texts, not 1"):
+        wo.compare(plant, aim, unnamed, end=1.0, tube_radius=RADIUS, output="place", input="push")
 
 
 # -- fits and sweeps -------------------------------------------------------------------------------
