@@ -298,3 +298,15 @@ def test_a_controller_that_sees_more_than_sensors_show_is_refused():
                 through_hardware(plant, loop, period=PERIOD)
         else:
             assert through_hardware(plant, loop, period=PERIOD).n_x == loop.n_x + 4
+
+
+def test_a_rate_that_means_none_changes_nothing():
+    """Sums of periods are rounded; 1e30 must not magnify what they differ from the time."""
+    plant = worm()
+    loop, _, _ = linear(plant)
+    own = [
+        simulate(through_hardware(plant, loop, period=0.01, **given), 0.5, tolerance=FINE)
+        for given in ({}, {"rate": 1e30})
+    ]
+    lengths = [motion["length"][0, -1] for motion in own]
+    assert abs(lengths[1] - lengths[0]) < 1e-7 * abs(lengths[0] - AIM) + 1e-9

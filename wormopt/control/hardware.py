@@ -60,6 +60,8 @@ def through_hardware(
     states, y(t - delay) + noise(t) and its rate; ``error`` and ``error_norm`` remain those of the
     plant. Before time 0 the output is that at time 0; `noise` has a row for each entry of y.
 
+    Forces are cut to the bounds of the plant's input, whatever the controller commands.
+
     With a `period`, the controller measures and decides at its multiples from 0 on. Between them
     the signal seen and the force are held; its own states and the reference continue. Lengths are
     rounded to multiples of `output_step`, and rates are then differences of rounded lengths,
@@ -93,10 +95,11 @@ def through_hardware(
     def put(expression: ca.SX, known: ca.SX) -> ca.SX:
         return ca.substitute(expression, x, states_of @ known)
 
-    def decided(known: ca.SX) -> ca.SX:
-        return put(loop[input], known)
-
     signal = input_of(plant, loop[input].numel(), input)
+
+    def decided(known: ca.SX) -> ca.SX:
+        return saturated(signal, put(loop[input], known))[0]
+
     if period is None:
         states, ticks, outputs = [], [], [Output("seen", measured)]
         seen, force = measured, decided(measured)
@@ -170,7 +173,8 @@ class _Clock:
         if rate < math.inf:
             before = ca.SX.sym("before", signal.size)
             self.limited = [replace(held, name="input_before", symbol=before)]
-            way = rate * (time - self.next.symbol + period)
+            # not below 0 by rounding, which a rate that means none would magnify
+            way = rate * ca.fmax(time - self.next.symbol + period, 0.0)
             self.force = before + ca.fmax(-way, ca.fmin(way, held.symbol - before))
         self.states = [self.seen, held, *self.limited, self.next]
 

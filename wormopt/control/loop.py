@@ -436,6 +436,30 @@ def close(
     )
 
 
+def cut(plant: Model, loop: Model, input: str = "input") -> Model:  # noqa: A002
+    """Cut the input that a loop around `plant` commands to its bounds; the loop if it has none."""
+    signal = input_of(plant, loop[input].numel(), input)
+    force, saturation = saturated(signal, loop[input])
+    if not saturation:
+        return loop
+    fed = feed(plant, [signal], force)
+    shown = {o.name: o for o in fed.outputs} | {input: Output(input, force, signal.unit)}
+    outputs = {o.name: o for o in (*saturation, *loop.outputs)}  # a loop may show its own cuts
+    n, own = plant.n_x, len(plant.switches)
+    return replace(
+        loop,
+        ode=ca.vertcat(fed.ode, loop.ode[n:]),
+        outputs=[shown.get(name, o) for name, o in outputs.items()],
+        switches=[
+            *(
+                replace(s, reset=ca.vertcat(s.reset, whole.reset[n:]))
+                for s, whole in zip(fed.switches, loop.switches[:own], strict=True)
+            ),
+            *loop.switches[own:],
+        ],
+    )
+
+
 def saturated(signal: Signal, command: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
     """Cut a command to its input's bounds; the output is 1 where it is cut, else 0.
 

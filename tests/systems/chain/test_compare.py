@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,39 @@ def test_seven_rivals_have_numbers_intervals_a_table_and_pictures(found: wo.Resu
     assert "| distance |" not in found.attributes["table"]
     # the open loop has its own push, whatever the plant does
     np.testing.assert_allclose(found["input"].values[0, 6, :, 1:], 0.5, atol=1e-12)
+
+
+def proportional(plant: wo.Model, aim: wo.Reference) -> wo.Model:
+    """A loop of one's own that commands more than any limit."""
+    push = -400.0 * (plant["length"] - aim.value) - 20.0 * (plant["rate"] - aim.rate)
+    names = [output.name for output in plant.outputs]
+    parts = [plant.ode, *(plant[name] for name in names)]
+    ode, *shown = ca.substitute(parts, [plant.u[0].symbol], [push])
+    pairs = zip([*names, "input"], [*shown, push], strict=True)
+    return replace(
+        plant,
+        u=[],
+        ode=ode,
+        outputs=[wo.Output(*pair) for pair in pairs],
+        schedules=[*plant.schedules, *aim.schedules],
+    )
+
+
+@pytest.mark.parametrize("period", [None, 0.01])
+def test_hardware_limits_a_loop_of_ones_own(period: float | None):
+    """The cart at 0.1 is told to go to 0.8 by at most 3, so its first push is 3 for a while."""
+    aim = wo.gait_reference(wo.Gait([0.0, 1.0], [[[0.8]]]), (plant := cart()).t)
+    found = wo.compare(
+        plant, aim, {"mine": proportional}, end=0.2, tube_radius=RADIUS, members=2,
+        hardware=wo.Hardware(period=period, input_limit=3.0), output="place", input="push",
+    )  # fmt: skip
+    pushed = solve_ivp(
+        between, (0.0, 0.2), [0.1, 0.0, 0.0, 0.0], args=(3.0, 0.1, MASS), method="DOP853",
+        t_eval=found["time"].values, rtol=1e-11, atol=1e-12,
+    )  # fmt: skip
+    assert (400 * (0.8 - pushed.y[0]) - 20 * pushed.y[1]).min() > 3.0  # cut all the time
+    np.testing.assert_allclose(found["input"].values[0, 0, 0], 3.0, atol=1e-12)
+    np.testing.assert_allclose(found["error_norm"].values[0, 0], 0.8 - pushed.y[0], atol=1e-7)
 
 
 # -- scenes ----------------------------------------------------------------------------------------
@@ -413,7 +447,12 @@ def wrong(rival: Any, entries: int = 1, **changes: Any) -> Any:
         (lambda plant, aim: None, {}, "'mine': what it returns"),
         (lambda plant, aim: cart(), {}, "'mine': cart is no loop around this cart"),
         (partial(wo.lqr, error_weight=-1.0), {}, "'mine': error_weight must be positive"),
-        (partial(wo.lqr, error_weight=1.0), {"spread": {"m": 1.0}}, "spread of m must be"),
+        (
+            partial(wo.lqr, error_weight=1.0),
+            {"spread": {"m": 1.0}},
+            "spread of m is 1.0; write",
+        ),
+        (partial(wo.lqr, error_weight=1.0), {"spread": "0.2"}, "spread of m is '0.2'; write"),
         (partial(wo.lqr, error_weight=1.0), {"spread": {"c": 0.1}}, "no parameter 'c' to draw"),
         (partial(wo.lqr, error_weight=1.0), {"capture": 2.0}, "tube.capture"),
         (partial(wo.lqr, error_weight=1.0), {"output": "v"}, "relative degree below two"),
@@ -423,6 +462,14 @@ def wrong(rival: Any, entries: int = 1, **changes: Any) -> Any:
 def test_wrong_rivals_are_refused_by_name(rival: Any, changes: dict[str, Any], message: str):
     with pytest.raises(ArgumentError, match=re.escape(message)):
         wrong(rival, **changes)
+
+
+def test_a_rival_has_a_name():
+    plant = cart()
+    aim = wo.gait_reference(wo.travelling_sine(1, 2.0, 0.0, 0.3, 0.0), plant.t)
+    unnamed: Any = {1: partial(wo.lqr, error_weight=1.0)}
+    with pytest.raises(ArgumentError, match=r"names of rivals must be non-empty texts, not 1"):
+        wo.compare(plant, aim, unnamed, end=1.0, tube_radius=RADIUS, output="place", input="push")
 
 
 # -- fits and sweeps -------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.copies import scenario_model
-from wormopt.systems.chain.crawl_limits import bound_of
+from wormopt.systems.chain.crawl_limits import bound_of, excess_of
 from wormopt.systems.chain.crawl_search import CrawlTask
 from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
@@ -354,6 +354,24 @@ def test_cycles_fill_an_allowed_period(period: tuple[float, float]):
                 counts * one <= period[1] * (1 + 1e-9)
             )
             assert filled.any()
+
+
+def test_excess_of_a_limit_between_points_of_the_mesh_is_found():
+    """Power from velocities and forces at many times, against 5 and 2 per link."""
+    plant = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=Coulomb(1.0, 10.0))
+    limits = CrawlLimits(period=1.0, actuator_force=12.0, rate=9.0, actuator_power=(5.0, 2.0))
+    problem = crawl_problem(plant, limits, Aim(maximise="speed", effort=1e-3))
+    mesh = Mesh.even(1, 6, Collocation(2, "radau"))
+    motion = optimise(problem, mesh, Regularised(0.3, 1.0), sine_guess(plant, 1.0, 12.0)).motion
+    t = np.linspace(0.0, 1.0, 20001)[:-1]
+    v, u = motion.states(t)[3:], motion.inputs(t)
+    rate = v[:-1] - v[1:]
+    beyond = (u * rate - np.array([[5.0], [2.0]])).max() / 5.0
+    assert beyond > 1e-3
+    found = excess_of(motion)
+    assert found["limits.actuator_power"] == pytest.approx(beyond, rel=0.02)
+    assert np.abs(rate).max() < 9.0
+    assert found["limits.rate"] == 0.0
 
 
 def task_of(**changes) -> CrawlTask:

@@ -38,6 +38,7 @@ with on_use():
         Reference,
         TrackingError,
         as_tracked,
+        cut,
         followed_by,
         with_reference,
     )
@@ -393,6 +394,7 @@ def _closed(
         )
     courses = {schedule.name for schedule in loop.schedules}
     error = TrackingError.of(plant, reference)
+    loop = cut(plant, loop)
     return replace(
         loop,
         outputs=[*loop.outputs, *(o for o in error.shown(reference) if o.name not in names)],
@@ -506,10 +508,13 @@ def compare(
     followed_by(plant, reference, output)
     if not isinstance(rivals, Mapping) or not rivals:
         raise ArgumentError("rivals must be a mapping of at least one name to a function or a Gait")
-    shares = {s.name: spread for s in plant.p} if isinstance(spread, int | float) else spread
+    if wrong := [name for name in rivals if not isinstance(name, str) or not name]:
+        raise ArgumentError(f"names of rivals must be non-empty texts, not {wrong[0]!r}")
+    shares = spread if isinstance(spread, Mapping) else {s.name: spread for s in plant.p}
     for name, share in shares.items():
-        if not 0 <= share < 1:
-            raise ArgumentError(f"spread of {name} must be at least 0 and below 1, not {share!r}")
+        if not isinstance(share, int | float) or not 0 <= share < 1:
+            what = "a number from 0 on and below 1, or a mapping of names to such numbers"
+            raise ArgumentError(f"spread of {name} is {share!r}; write {what}")
     study = _Asked(
         kind="compare-tracking",
         title=title or f"Controllers of {plant.name}",

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.model.friction import Viscous
+from wormopt.ocp.motion import Motion
 from wormopt.ocp.optimise import Optimum
 from wormopt.study.types import per
 from wormopt.systems.chain.crawl_search import CrawlTask
 from wormopt.systems.chain.loops import laws_of
+from wormopt.systems.shared.optimum import sample_motion
 
 # Elasticities below this are rounding.
 _NOTHING = 1e-5
@@ -93,6 +95,22 @@ def _each(
             yield f"{key}[{k}]", one, quantity, float(slope[k])
     elif value is not None:
         yield key, value, quantity, float(slope.sum())
+
+
+# -- limits between points of the mesh ------------------------------------------------------------
+
+
+def excess_of(motion: Motion) -> dict[str, float]:
+    """Largest excess of each limit between points of the mesh, as a share of the limit."""
+    bounds = motion.program.problem.path_constraints
+    limits = {each.name: each for each in bounds if each.name.startswith("limits.")}
+    values = sample_motion(motion, {n: each.expression for n, each in limits.items()}).values
+    found = dict[str, float]()
+    for name, limit in limits.items():
+        low, high = (np.reshape(side, (-1, 1)) for side in (limit.lower, limit.upper))
+        beyond = np.maximum(values[name] - high, low - values[name])
+        found[name] = max(0.0, float(beyond.max())) / limit.nominal
+    return found
 
 
 # -- a bound on every crawl ------------------------------------------------------------------------

@@ -46,7 +46,7 @@ with on_use():
     from wormopt.ocp.motion import Motion
     from wormopt.ocp.optimise import Optimum
     from wormopt.simulation.simulate import simulate
-    from wormopt.systems.chain.crawl_limits import Slope, bound_of, slopes
+    from wormopt.systems.chain.crawl_limits import Slope, bound_of, excess_of, slopes
     from wormopt.systems.chain.crawl_search import CrawlTask, Earlier, Solved, converging, search
     from wormopt.systems.chain.dynamic import PERIODS
     from wormopt.systems.shared.optimum import ACCEPTED, modes_of, warnings_of_reading
@@ -59,6 +59,8 @@ _SHOWN = ("length", "velocity", "contact_force", "input")
 _ACCEPTED_AT_SWITCHES, _ACCEPTED_ON_GRID = 5e-3, 2e-2
 # A crawl slower than this share of the usual speed of its masses does not advance.
 _RESTS = 1e-4
+# Excess of a limit between points of the mesh, as a share of the limit, that is worth a warning.
+_EXCEEDED = 1e-3
 # Widths of the smoothed law that show its order of convergence.
 _WIDTHS = 5
 
@@ -484,6 +486,12 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @warnings
     def doubts(self) -> Iterator[str]:
+        for name, share in excess_of(self.motion).items():
+            if share > _EXCEEDED:
+                yield (
+                    f"between points of the mesh {name} is exceeded by up to {share:.2%}; write "
+                    f"more mesh.arcs, or a {name} smaller by as much"
+                )
         if self.exact:
             yield from warnings_of_reading(self.optimisation.optima["switches"], self.optimum)
         elif self.single_chain:
