@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
@@ -134,8 +135,13 @@ def test_hardware_limits_a_loop_of_ones_own(period: float | None):
         plant, aim, {"mine": proportional}, end=0.2, tube_radius=RADIUS, members=2,
         hardware=wo.Hardware(period=period, input_limit=3.0), output="place", input="push",
     )  # fmt: skip
+
+    def moves(_t: float, y: np.ndarray) -> list[float]:
+        drag = DRAG * (y[1] - y[2])
+        return [y[1], (3.0 - SPRING * y[0] - drag) / MASS, drag / WHEEL]
+
     pushed = solve_ivp(
-        between, (0.0, 0.2), [0.1, 0.0, 0.0, 0.0], args=(3.0, 0.1, MASS), method="DOP853",
+        moves, (0.0, 0.2), [0.1, 0.0, 0.0], method="DOP853",
         t_eval=found["time"].values, rtol=1e-11, atol=1e-12,
     )  # fmt: skip
     assert (400 * (0.8 - pushed.y[0]) - 20 * pushed.y[1]).min() > 3.0  # cut all the time
