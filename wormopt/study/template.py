@@ -57,7 +57,7 @@ def _example(kind: str) -> dict[str, Any]:
     times, found = times_of_scenes(), []
     for name, path in packaged_scenes().items():
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
-        if raw["kind"] == kind and not isinstance(raw.get("model"), str):  # a file
+        if raw["kind"] == kind and "file" not in raw.get("model", {}):
             found.append((times.get(name, 0), len(json.dumps(raw)), name, raw))
     raw = min(found)[-1] if found else {"schema": 1, "kind": kind}
     return {key: value for key, value in raw.items() if key != "title"}
