@@ -54,8 +54,11 @@ def trust(result: Any) -> Iterator[str]:
     warnings = result.trust.get("warnings", [])
     if not warnings:
         yield "no warnings"
+    elif len(warnings) == 1:
+        yield f"1 warning: {warnings[0]}"
     else:
-        yield f"{len(warnings)} warning{'s' * (len(warnings) > 1)}: {'; '.join(warnings)}"
+        yield f"{len(warnings)} warnings:"
+        yield from (f"- {warning}" for warning in warnings)
 
 
 def headline(result: Any) -> str:
@@ -83,6 +86,7 @@ def _aside(result: Any) -> set[str]:
     """Scalars that the short form omits: about the computation, or redundant."""
     effects = ("sensitivity.",) if _effects_known(result) else ()
     found = {name for name in result.scalars if name.startswith((*_OF_THE_COMPUTATION, *effects))}
+    found |= {part for name in result.scalars for part in _errors(result, name)}
     return found | {name for name in result.scalars if effects and _limited(name)}
 
 
@@ -102,8 +106,15 @@ def _effects_known(result: Any) -> bool:
 
 
 def _row(result: Any, name: str) -> tuple[str, str, str]:
-    scalar = result.scalars[name]
-    return name, _with_unit(scalar.value, scalar.unit), ""
+    scalar, errors = result.scalars[name], _errors(result, name)
+    remark = f"± {brief(result.scalars[errors[0]].value)}" if errors else ""
+    return name, _with_unit(scalar.value, scalar.unit), remark
+
+
+def _errors(result: Any, name: str) -> list[str]:
+    """Scalars with the standard error and the interval of an estimate; none of other scalars."""
+    names = [f"{name}_error", f"{name}_interval"]
+    return names if all(one in result.scalars for one in names) else []
 
 
 def _with_unit(value: Any, unit: str) -> str:

@@ -273,6 +273,14 @@ def test_units_mistaken_are_told():
     assert any("look at their unit" in line for line in task.warnings)
 
 
+def test_a_start_away_from_its_reading_is_told():
+    shifted, start = readings(0) + 0.3, wo.Unknown("position", per_run=True)
+    (told,) = task_on(shifted, FRICTION).warnings
+    assert told.startswith("run: position[0] starts at 0, but its first reading is 0.300")
+    assert task_on(readings(0), FRICTION).warnings == ()
+    assert task_on(shifted, FRICTION, start).warnings == ()
+
+
 @pytest.mark.parametrize(
     ("make", "told"),
     [

@@ -71,6 +71,14 @@ def test_units_stand_behind_values_and_what_is_not_known_is_called_so():
     }
 
 
+def test_the_error_of_an_estimate_is_beside_it():
+    found = numbers(force=2.0, force_error=0.25, force_interval=[1.5, 2.5], speed=1.0)
+    shown = rows(made(scalars=found | numbers(speed_error=0.1)))[""]
+    assert shown == {
+        "force": ("2", "± 0.25"), "speed": ("1", ""), "speed_error": ("0.1", ""),
+    }  # fmt: skip
+
+
 def test_the_entries_of_lists_are_named():
     error = Variable("error", "1", ("rival", "time"), np.ones((2, 3)))
     result = made(variables=(error,), attributes={"rivals": ["LQR", "tracker"]})
@@ -122,7 +130,7 @@ def test_the_derivatives_of_a_design_are_told_in_per_cent():
     assert ("gait.rate", "1", "+0.789 %") in limits.rows
 
 
-def test_trust_is_told_in_three_lines():
+def test_trust_is_told_in_lines():
     checks = [Check("defect", 2e-10, 1e-9), Check("bound", -9e-8, 1e-7), Check("count", 0, 0)]
     told = {
         "checks": {check.name: check.found() for check in checks},
@@ -132,7 +140,9 @@ def test_trust_is_told_in_three_lines():
     assert list(trust(made(trust=told))) == [
         "ok; the worst of 3 checks, bound, is -9e-08, 90 % of the 1e-07 accepted",
         "second route: cvodes, idas, differs by 2e-09",
-        "2 warnings: one thing; another",
+        "2 warnings:",
+        "- one thing",
+        "- another",
     ]
 
 

@@ -15,6 +15,8 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.study import packaged_scenes
+from wormopt.study.reference import page
+from wormopt.study.template import template
 
 SAME: list[tuple[Any, dict[str, Any]]] = [
     ("worm.load=3", {}),
@@ -124,3 +126,13 @@ def test_what_may_be_meant_is_said(
     shutil.copy(packaged_scenes()["fast_gait"], "steep.toml")
     assert main(arguments) == 2
     assert hint in capsys.readouterr().err
+
+
+def test_a_table_in_part_keeps_the_other_defaults_of_its_key():
+    mesh = wo.load_scene("peristaltic_drag").table.mesh
+    changed = wo.load_scene("peristaltic_drag", "mesh.tolerance=1e-5").table.mesh
+    assert (mesh.arcs, mesh.degree, mesh.scheme) == (12, 8, "legendre")
+    assert changed == mesh.vary(tolerance=1e-5)
+    shown = template("peristaltic-drag", "schema.json").partition("#[mesh]")[2]
+    assert all(text in shown for text in ("#arcs = 12 ", "#degree = 8 ", '#scheme = "legendre" '))
+    assert "| `degree` | a whole number from 1 to 9 | count | `8` |" in page("peristaltic-drag")

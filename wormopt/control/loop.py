@@ -226,20 +226,7 @@ class TrackingError:
         Raises ArgumentError if there is no such output, if the reference does not fit, or if the
         output's rate depends directly on inputs or contact forces (relative degree below two).
         """
-        check_kind("plant", plant, Model)
-        if not isinstance(reference, Reference):
-            what = type(reference).__name__
-            raise ArgumentError(f"reference must be follow(gait, plant.t), not {what}")
-        own = ca.vertcat(plant.t, *(ca.vertcat(s.symbol, s.begin) for s in reference.schedules))
-        parts = [reference.value, reference.rate]
-        if ca.Function("reference", [own], parts, {"allow_free": True}).has_free():
-            raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
-        y = _tracked(plant, output)
-        if y.shape != reference.value.shape:
-            raise ArgumentError(
-                f"the reference has {reference.value.numel()} entries, {output} of {plant.name} "
-                f"{y.numel()}"
-            )
+        y = followed_by(plant, reference, output)
         rate = lie(plant, y)
         acting = ca.vertcat(pack(plant.u), plant.forces)
         if ca.depends_on(ca.vertcat(y, rate), acting):
@@ -293,6 +280,25 @@ def _tracked(plant: Model, output: str) -> ca.SX:
             f"output=: {', '.join(map(repr, names))}"
         )
     return plant[output]
+
+
+def followed_by(plant: Model, reference: Reference, output: str) -> ca.SX:
+    """Output or state that follows a reference; ArgumentError if they do not fit each other."""
+    check_kind("plant", plant, Model)
+    if not isinstance(reference, Reference):
+        what = type(reference).__name__
+        raise ArgumentError(f"reference must be gait_reference(gait, plant.t), not {what}")
+    own = ca.vertcat(plant.t, *(ca.vertcat(s.symbol, s.begin) for s in reference.schedules))
+    parts = [reference.value, reference.rate]
+    if ca.Function("reference", [own], parts, {"allow_free": True}).has_free():
+        raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
+    y, count = _tracked(plant, output), reference.value.numel()
+    if y.shape != reference.value.shape:
+        raise ArgumentError(
+            f"the reference has {count} entr{'y' if count == 1 else 'ies'}, {output} of "
+            f"{plant.name} {y.numel()}; write a reference with one for each entry of the output"
+        )
+    return y
 
 
 def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:

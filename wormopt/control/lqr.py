@@ -54,7 +54,7 @@ def lqr(
         With an input and an output of relative degree two, of as many entries, linear in states
         and input but for its contacts.
     reference : Reference
-        What the output shall follow; ``follow(..., periodic=False)`` for one that ends.
+        What the output shall follow; ``gait_reference(..., periodic=False)`` for one that ends.
     error_weight, rate_weight, input_weight : array_like, shape (), (n,) or (n, n)
         Q_0 and Q_1, positive semidefinite, and R, positive definite. A number, or one per
         link, is for the diagonal. Only their ratios matter.
@@ -148,7 +148,10 @@ class _Links:
         acceleration = lie(plant, rate)
         both = ca.vertcat(y, rate)
         if not ca.is_linear(ca.vertcat(both, acceleration), ca.vertcat(x, u)):
-            raise ArgumentError(f"{plant.name} is not linear in its states and input, as lqr needs")
+            raise ArgumentError(
+                f"{plant.name} is not linear in its states and input, as lqr needs; write a "
+                "tracker, which needs no model, or feedback of your own"
+            )
         if ca.depends_on(acceleration, pack(plant.z)):
             raise ArgumentError(f"{plant.name} has algebraic variables, which lqr does not take")
         scheduled, values = at_zero(plant.schedules)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, get_args
@@ -24,6 +24,7 @@ Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 # normal noise has 95 % of the efficiency of least squares.
 SCALES: dict[Loss, float] = {"soft_l1": 1.287, "huber": 1.345, "cauchy": 2.385}
 _TINY = 1e-30
+_MISPLACED = 10.0  # scatters between a known start and its first reading
 
 
 def robust(r: np.ndarray, loss: Loss) -> tuple[np.ndarray, np.ndarray]:
@@ -622,12 +623,30 @@ class FitTask:
         theta = np.asarray(theta, dtype=float)
         return tuple(shooting.motion(theta) for shooting in self.shootings)
 
+    def _misplaced(self, index: int) -> Iterator[str]:
+        """Yield a warning for each measured state whose known start contradicts its reading."""
+        run, known = self.runs[index], known_values(self.model, self.runs[index])
+        if run.ends[0] != run.times[0]:
+            return
+        sought = [name for c in self.coordinates if c.run in (None, index) for name in c.directions]
+        for name in {state.name for state in self.model.x} & set(run.readings) - set(sought):
+            first, start = run.readings[name][:, 0], known[name]
+            apart = np.nan_to_num(np.abs(first - start)) / scatter(run.readings[name])
+            k = int(np.argmax(apart))
+            if apart[k] > _MISPLACED:
+                yield (
+                    f"{run.name}: {name}[{k}] starts at {start[k]:.6g}, but its first reading is "
+                    f"{first[k]:.6g}, {apart[k]:.0f} times their scatter away; correct the start, "
+                    f"or take {name} as an unknown with per_run = true"
+                )
+
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Likely errors in the recordings."""
         usual = {state.name: state.nominal for state in self.model.x}
         found = [line for run in self.runs for line in run.warnings]
-        for run in self.runs:
+        for index, run in enumerate(self.runs):
+            found += self._misplaced(index)
             for signal in set(run.readings) & set(usual):
                 times = float(np.nanmax(np.abs(run.readings[signal]))) / usual[signal]
                 if times > APART or 0 < times < 1 / APART:

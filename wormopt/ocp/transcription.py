@@ -314,7 +314,7 @@ class ProgramBounds:
 
 
 class Transcription:
-    """The nonlinear program of a problem on a mesh, with contacts treated in one of three ways.
+    """The nonlinear program of a problem on a mesh, with contacts treated in one of four ways.
 
     Variables of ``nlp``, in nominal sizes: arc after arc the rows of `Layout`, then design
     constants. Raises ArgumentError if impulses are requested without prescribed modes.

@@ -112,8 +112,13 @@ def meaning(kind: Any) -> tuple[str, str]:
     return declared.get("quantity", ""), declared.get("meaning", "")
 
 
-def default_of(field: Any) -> Any:
-    """Default value of a key, NODEFAULT if it is required."""
+def default_of(field: Any, table: Given | None = None) -> Any:
+    """Default value of a key, NODEFAULT if it is required.
+
+    `table` is the default of the table with the key, whose values replace those of its class.
+    """
+    if table is not None:
+        return getattr(table, field.name)
     made = field.default_factory
     return field.default if made is NODEFAULT else made()
 
@@ -476,7 +481,8 @@ def read_table(
     values = {}
     for key, item in known.items():
         if key in raw:
-            values[key] = _read_key(raw[key], item.type, _join(path, key), units, faults)
+            given = _completed(raw[key], default_of(item))
+            values[key] = _read_key(given, item.type, _join(path, key), units, faults)
         elif item.required:
             faults.append((_join(path, key), f"missing; write {describe(item.type)}"))
     if len(faults) > before:
@@ -484,6 +490,13 @@ def read_table(
     made = table.of_checked(values)
     faults += ((f"{path}.{key}" if path and key else path or key, w) for key, w in made.wrong())
     return made if len(faults) == before else None
+
+
+def _completed(raw: Any, default: Any) -> Any:
+    """A raw table with the keys that it lacks from the default of its key, unless it has kinds."""
+    if not isinstance(raw, Mapping) or not isinstance(default, Given):
+        return raw
+    return raw if default.__struct_config__.tag_field else {**plain(default), **raw}
 
 
 def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -> Any:

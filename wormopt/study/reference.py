@@ -15,7 +15,7 @@ import msgspec
 
 from wormopt.kinds import KINDS
 from wormopt.quantities import WITH_UNIT, unit_of
-from wormopt.study.given import bare, default_of, describe, meaning, tables_in
+from wormopt.study.given import Given, bare, default_of, describe, meaning, tables_in
 from wormopt.study.swept import Swept
 
 _COMMON = ("schema", "kind", "title", "units")
@@ -73,7 +73,7 @@ def page(kind: str) -> str:
         "`schema`, `kind`, `title`, `units` and what holds for all scenes: [scenes](../scenes.md).",
         "## Keys",
         "\n".join(_keys(table)),
-        *_sections(table, ""),
+        *_sections(table, "", None),
     ]
     if table.scalars:
         rows = [_row(f"`{name}`", _words(q), what) for name, (q, what) in table.scalars.items()]
@@ -109,14 +109,16 @@ def _without_python(docstring: str) -> str:
     return docstring.partition("\n\nParameters\n----------\n")[0]
 
 
-def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
+def _keys(table: type[msgspec.Struct], default: Given | None = None) -> Iterator[str]:
+    """Table of the keys of a table; `default` has the values of the keys that are left out."""
     yield "| key | value | quantity | default | meaning |"
     yield "|---|---|---|---|---|"
     for field in msgspec.structs.fields(table):
         if field.encode_name in _COMMON and hasattr(table, "members"):
             continue
         quantity, what = meaning(field.type)
-        yield _row(f"`{field.encode_name}`", _of(field), _words(quantity), _default(field), what)
+        value = _default(field, default)
+        yield _row(f"`{field.encode_name}`", _of(field), _words(quantity), value, what)
 
 
 def _row(*cells: str) -> str:
@@ -137,10 +139,10 @@ def _of(field: msgspec.structs.FieldInfo) -> str:
     return re.sub(r'("[^"]*")', r"`\1`", ", or ".join(words))
 
 
-def _default(field: msgspec.structs.FieldInfo) -> str:
-    if field.required:
+def _default(field: msgspec.structs.FieldInfo, table: Given | None) -> str:
+    if field.required and table is None:
         return "required"
-    value = default_of(field)
+    value = default_of(field, table)
     if value is None or isinstance(value, msgspec.Struct):
         return ""
     if isinstance(value, bool):
@@ -156,19 +158,21 @@ def _listed(value: Any) -> str:
     return f"{value:g}" if isinstance(value, int | float) else "{}"
 
 
-def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
+def _sections(table: type[msgspec.Struct], path: str, default: Given | None) -> Iterator[str]:
     """A section for every table below a table, in the order of its keys."""
     for field in msgspec.structs.fields(table):
         key = f"{path}.{field.encode_name}" if path else field.encode_name
         for part in tables_in(single(field.type)):
+            inner = default_of(field, default)
+            inner = inner if type(inner) is part else None
             config = part.__struct_config__
             tagged = f' with `{config.tag_field} = "{config.tag}"`' if config.tag_field else ""
             yield f"### `[{key}]`{tagged}"
             yield (inspect.getdoc(part) or "").split("\n\n")[0].replace("\n", " ")
             yield from _prose(part)
             if part.__struct_fields__:
-                yield "\n".join(_keys(part))
-            yield from _sections(part, key)
+                yield "\n".join(_keys(part, inner))
+            yield from _sections(part, key, inner)
 
 
 def single(kind: Any) -> Any:

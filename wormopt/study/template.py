@@ -18,7 +18,7 @@ import msgspec
 
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
-from wormopt.study.given import bare, default_of, describe, meaning, tables_in
+from wormopt.study.given import Given, bare, default_of, describe, meaning, tables_in
 from wormopt.study.reference import single
 from wormopt.study.scene import packaged_scenes, times_of_scenes
 from wormopt.study.toml import holds_tables, toml_value
@@ -48,7 +48,7 @@ def template(kind: str, schema_file: str) -> str:
         ),
         "",
     ]
-    body = _table(KINDS[kind].load(), raw, "", raw.get("units", "dimensionless"))
+    body = _table(KINDS[kind].load(), raw, "", raw.get("units", "dimensionless"), None)
     return "\n".join([*head, *body]).rstrip() + _SWEEP
 
 
@@ -64,32 +64,45 @@ def _example(kind: str) -> dict[str, Any]:
 
 
 def _table(
-    table: type[msgspec.Struct], raw: Mapping[str, Any] | None, path: str, units: str
+    table: type[msgspec.Struct],
+    raw: Mapping[str, Any] | None,
+    path: str,
+    units: str,
+    default: Given | None,
 ) -> Iterator[str]:
-    """Keys of a table, then the tables in it; raw is None for a table that is commented out."""
+    """Keys of a table, then the tables in it; raw is None for a table that is commented out.
+
+    `default` has the values of the keys that are left out.
+    """
     mark, below = ("#" if raw is None else ""), []
     config = table.__struct_config__
     if config.tag_field:
         yield f"{mark}{config.tag_field} = {toml_value(config.tag)}"
     for field in msgspec.structs.fields(table):
         key, tables = field.encode_name, tables_in(single(field.type))
-        given = (raw or {}).get(key)
+        given, value = (raw or {}).get(key), default_of(field, default)
         if tables and (given is None or holds_tables(given)):
-            below.append((key, field, tables, given))
+            below.append((key, field, tables, given, value))
             continue
         assigned = (
-            f"#{key} = {_default(field)}" if given is None else f"{mark}{key} = {toml_value(given)}"
+            f"#{key} = {_shown(value)}" if given is None else f"{mark}{key} = {toml_value(given)}"
         )
         yield from _line(assigned, _meaning(field.type, units))
-    for key, field, tables, given in below:
+    for key, field, tables, given, value in below:
         inside = f"{path}.{key}" if path else key
-        yield from _tables(inside, field, tables, given, units)
+        yield from _tables(inside, field, tables, given, units, value)
 
 
 def _tables(
-    path: str, field: Any, tables: list[type[msgspec.Struct]], given: Any, units: str
+    path: str,
+    field: Any,
+    tables: list[type[msgspec.Struct]],
+    given: Any,
+    units: str,
+    default: Any,
 ) -> Iterator[str]:
     """The table or tables of a key: as given, or commented out."""
+    default = default if len(tables) == 1 and type(default) is tables[0] else None
     listed = isinstance(given, list)
     words = _meaning(field.type, units)
     others = _choices(tables)
@@ -98,14 +111,14 @@ def _tables(
         yield from _comment(f"{words}{f'; {others}' if others else ''}")
         yield f"#[{path}]"
         if not others:
-            yield from _table(tables[0], None, path, units)
+            yield from _table(tables[0], None, path, units, default)
         return
     for index, raw in enumerate(given if listed else [given]):
         yield ""
         if not index:
             yield from _comment(f"{words}{f'; {others}' if others else ''}")
         yield f"[[{path}]]" if listed else f"[{path}]"
-        yield from _table(_meant(raw, tables), raw, path, units)
+        yield from _table(_meant(raw, tables), raw, path, units, default)
 
 
 def _meant(raw: Mapping[str, Any], tables: list[type[msgspec.Struct]]) -> type[msgspec.Struct]:
@@ -121,9 +134,8 @@ def _choices(tables: list[type[msgspec.Struct]]) -> str:
     return f"{tables[0].__struct_config__.tag_field} = {tags}"
 
 
-def _default(field: Any) -> str:
-    """Default value of a key, or a description if there is none."""
-    value = default_of(field)
+def _shown(value: Any) -> str:
+    """Default value of a key; ... if there is none."""
     return "..." if value in (None, msgspec.NODEFAULT) else toml_value(msgspec.to_builtins(value))
 
 

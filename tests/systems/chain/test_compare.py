@@ -398,9 +398,9 @@ def test_a_plant_whose_input_acts_backward_is_refused(tmp_path: Path):
         wo.run(scene(tmp_path, COMPARE, own=turned))
 
 
-def wrong(rival: Any, **changes: Any) -> Any:
+def wrong(rival: Any, entries: int = 1, **changes: Any) -> Any:
     plant = cart()
-    aim = wo.gait_reference(wo.travelling_sine(1, 2.0, 0.0, 0.3, 0.0), plant.t)
+    aim = wo.gait_reference(wo.travelling_sine(entries, 2.0, 0.0, 0.3, 0.0), plant.t)
     given = {"end": 1.0, "tube_radius": RADIUS, "output": "place", "input": "push"} | changes
     return wo.compare(plant, aim, {"mine": rival}, **given)
 
@@ -417,6 +417,7 @@ def wrong(rival: Any, **changes: Any) -> Any:
         (partial(wo.lqr, error_weight=1.0), {"spread": {"c": 0.1}}, "no parameter 'c' to draw"),
         (partial(wo.lqr, error_weight=1.0), {"capture": 2.0}, "tube.capture"),
         (partial(wo.lqr, error_weight=1.0), {"output": "v"}, "relative degree below two"),
+        (partial(wo.lqr, error_weight=1.0), {"entries": 2}, "has 2 entries, place of cart 1"),
     ],
 )
 def test_wrong_rivals_are_refused_by_name(rival: Any, changes: dict[str, Any], message: str):

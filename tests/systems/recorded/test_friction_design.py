@@ -64,8 +64,7 @@ def test_films_of_drawn_worms_become_gaits_that_the_ground_holds(tmp_path: Path)
         _check(each)
     held = [inside for each in found for inside in each["inside"].values()]
     assert sum(held) >= 33  # of 40; fewer have a probability of 1e-4
-    assert any(each["open"] for each in found)  # a worm that never slipped back
-    assert not all(each["open"] for each in found)
+    assert 0 < sum(each["open"] for each in found) < 5
 
 
 def _check(found: Mapping[str, Any]) -> None:
@@ -76,7 +75,9 @@ def _check(found: Mapping[str, Any]) -> None:
     assert excess["actuator_force"] < 1e-3  # of smooth friction
     assert excess["slip"] < SLIP
     assert excess["unheld"] < SLIP
-    assert 0.97 < found["speed"] / found["best"] < 1 + 1e-3
+    # a film in which no mass ever slips back bounds the friction backward only from below
+    least = 0.9 if found["open"] else 0.97
+    assert least < found["speed"] / found["best"] < 1 + 1e-3
     assert found["told"] == pytest.approx(found["speed"], rel=2e-3)
 
 
@@ -175,6 +176,7 @@ test_scenes_that_do_not_fit_together_are_refused = refusals(
     objective={minimise="energy_per_distance", speed=0.01} | objective.minimise | parameters
     confidence=1.0 | confidence | from 0.5 to below 1
     fit.recording.0.columns={head="positon[0]"} | fit.recording[0].columns.head | no signal positon
+    fit={scene="film.toml"} | fit.scene | "film.toml": there is no such file
     plant={"worm.fricton.forward"=1.0} | plant.worm.fricton | did you mean friction
     """,
 )

@@ -211,6 +211,7 @@ def test_held_inputs_stay_until_the_next_reading(tmp_path: Path):
         ("time,x\n0,1\n1,2\n", {"columns": {"x": "postion[0]"}}, "did you mean position"),
         ("time,x\n0,1\n1,2\n", {"columns": {"x": "position"}}, r"write one of position\[0\]"),
         ("time,x\n0,1\n1,2\n", {"columns": {"x": "position[2]"}}, r"write at most position\[1\]"),
+        (TABLE, {"start": {"position": [1.0]}}, "start.position: has 1 entry for 2; write one num"),
         ("time,position[0] [s]\n0,1\n1,2\n", {}, "is not a unit of length; write m, or a mul"),
         ("time,position[0],position_0\n0,1,1\n1,2,2\n", {}, r"two columns are named position\[0\]"),
         ("time,position[0]\n0,1\n1,1\n", {}, "nothing moves"),

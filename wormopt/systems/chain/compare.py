@@ -34,7 +34,13 @@ with on_use():
 
     from wormopt.control.drive import drive
     from wormopt.control.interconnect import own_states
-    from wormopt.control.loop import Reference, TrackingError, as_tracked, with_reference
+    from wormopt.control.loop import (
+        Reference,
+        TrackingError,
+        as_tracked,
+        followed_by,
+        with_reference,
+    )
     from wormopt.model.gait import Gait
     from wormopt.model.given import check_kind
     from wormopt.model.model import Model
@@ -491,8 +497,7 @@ def compare(
     >>> found.attributes["rivals"], found["draws_outside"].value
     (['LQR', 'tracker'], [[0, 6]])
     """
-    check_kind("plant", plant, Model)
-    check_kind("reference", reference, Reference)
+    followed_by(plant, reference, output)
     if not isinstance(rivals, Mapping) or not rivals:
         raise ArgumentError("rivals must be a mapping of at least one name to a function or a Gait")
     shares = {s.name: spread for s in plant.p} if isinstance(spread, int | float) else spread

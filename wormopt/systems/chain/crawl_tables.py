@@ -126,9 +126,10 @@ class Aim(Given):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield conflicts between the keys."""
         if (self.maximise is None) == (self.minimise is None):
+            which = "has both" if self.maximise else "has neither"
             yield (
                 "",
-                'has neither or both of maximise and minimise; write maximise = "speed" or '
+                f'{which} of maximise and minimise; write either maximise = "speed" or '
                 'minimise = "energy_per_mass_distance"',
             )
         elif self.minimise and self.speed is None:

@@ -117,8 +117,8 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     If the exact solve fails or loses more than 0.1 %, the motion with arcs that end at switches is
     the result, accurate to about a thousandth, and a warning says so.
 
-    `[mesh]`: `arcs` is the number of arcs that end at switches, 24 by default; its `tolerance` is
-    that of the exact solve. The arrays contain the instants at which arcs join twice.
+    `[mesh]`: `arcs` is the number of arcs that end at switches; its `tolerance` is that of the
+    exact solve. The arrays contain the instants at which arcs join twice.
 
     **Sensitivities.** The scalars `sensitivity.KEY` give the change of the maximised speed less
     effort, or of the minimised cost, per unit of each number of `[limits]` and of
@@ -234,7 +234,11 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
             states = np.vstack([earlier["position"].values, earlier["velocity"].values])
             inputs, forces = earlier["input"].values, earlier["contact_force"].values
         except (OSError, ValueError, KeyError) as error:
-            message = f"{name} does not contain the crawl of a single worm: {error}"
+            why = "" if isinstance(error, KeyError) else f": {error}"  # which lists all names
+            message = (
+                f"{name} does not contain the crawl of a single worm{why}; write the result of a "
+                'scene of kind "optimal-crawl" without [robust]'
+            )
             raise SceneError(self.name, [("search.result", message)]) from None
         if len(inputs) != self.worm.links:
             message = f"{name} has {len(inputs)} links; write a result with {self.worm.links}"
@@ -551,8 +555,11 @@ def _slope(over: np.ndarray, errors: np.ndarray) -> float:
 
 
 def _last_step(values: np.ndarray) -> float:
-    """Estimate the error of a sequence without the exact answer: twice its last step."""
-    return 2 * float(abs(values[-1] - values[-2]))
+    """Estimate the error of a sequence without the exact answer: twice its larger last step.
+
+    A switch may lie well in one grid by chance, so two steps count.
+    """
+    return 2 * float(np.abs(np.diff(values[-3:])).max())
 
 
 def _cycle_of(optimum: Optimum) -> tuple[tuple[int, ...], ...]:

@@ -283,7 +283,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     )
     frequencies: Rates = entry("switches per second, ascending", quantity="rate")
     switching: Pattern = entry("switching of the coils", default=Pattern)
-    time: Course = entry("duration; 3 s if there is no such table", default=Course(end=3.0))
+    time: Course = entry("duration", default=Course(end=3.0))
     sensitivity: Sensitivity | None = entry(
         "sensitivity of the velocity; not computed if left out", default=None
     )

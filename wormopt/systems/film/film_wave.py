@@ -299,7 +299,7 @@ class FilmWave(Study, kind="film-wave"):
     limits: Limits = entry("limits of the wave")
     objective: Aim = entry("objective of the wave")
     mesh: MeshTable = entry(
-        "mesh over the phase; default: 60 arcs; the degree is at least 3",
+        "mesh over the phase; the degree is at least 3",
         default=MeshTable(arcs=60),
     )
     search: Starts = entry("starting points of the search", default=Starts)

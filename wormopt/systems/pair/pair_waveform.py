@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault, SolveError
 from wormopt.quantities import Scalar, unit_of
@@ -32,7 +32,6 @@ from wormopt.study import (
     warnings,
     whole,
 )
-from wormopt.study.given import says
 from wormopt.study.numerics import MeshTable
 from wormopt.study.types import NonNegative, PositiveOrPair, Seed, per, wrong_order
 from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
@@ -285,9 +284,7 @@ class PairWaveform(Study, kind="pair-waveform"):
     pair: DrivenPair = entry("the pair")
     limits: Limits = entry("limits of the field")
     objective: Aim = entry("objective of the waveform")
-    mesh: Annotated[MeshTable, says("", "mesh in time; default: 100 arcs")] = field(
-        default_factory=lambda: MeshTable(arcs=100)
-    )
+    mesh: MeshTable = entry("mesh in time", default=MeshTable(arcs=100))
     search: Search = entry("starting points of the search", default=Search)
 
     @cached_property

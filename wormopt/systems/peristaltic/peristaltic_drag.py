@@ -203,7 +203,7 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     limits: Limits = entry("limits of the lengths")
     search: Search = entry("starting points of the search", default=Search)
     mesh: MeshTable = entry(
-        "discretisation; 12 arcs of degree 8 at Legendre points if left out",
+        "discretisation",
         default=MeshTable(arcs=12, degree=8, scheme="legendre"),
     )
 

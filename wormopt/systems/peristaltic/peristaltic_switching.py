@@ -271,7 +271,7 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     objective: Objective = entry("objective")
     search: Starts = entry("starting points of the search", default=Starts)
     mesh: MeshTable = entry(
-        "discretisation of a phase; 2 arcs of degree 8 at Legendre points",
+        "discretisation of a phase",
         default=MeshTable(arcs=2, degree=8, scheme="legendre"),
     )
 

@@ -134,7 +134,7 @@ class PlanarSwim(Study, kind="planar-swim"):
     limits: ShapeLimits = entry("limits of the stroke that is searched", default=ShapeLimits)
     search: StrokeSearch = entry("options of the search", default=StrokeSearch)
     mesh: MeshTable = entry(
-        "discretisation; 16 arcs of degree 6 at Legendre points if left out",
+        "discretisation",
         default=MeshTable(arcs=16, degree=6, scheme="legendre", tolerance=1e-6),
     )
 

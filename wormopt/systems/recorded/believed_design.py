@@ -202,7 +202,11 @@ class BelievedDesign(Study):
         assert real is not None
         known = Search(sequence=nominal.sequence, workers=self.search.workers)
         task = nominal.task.vary(worm=real.worm(), limits=self.plant_limits)
-        return designed(task, known, self.report)
+        try:
+            return designed(task, known, self.report)
+        except SolveError as error:
+            reason = f"the designed gait was found, but on the worm of plant {error.reason}"
+            raise SolveError(reason, error.suggestion, error.partial, error.code) from None
 
     @parts(OnPlant, when="is_tested")
     def test_on_plant(self) -> OnPlant:

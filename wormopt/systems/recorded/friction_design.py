@@ -354,8 +354,9 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         left = np.asarray(given) - most
         if np.any(left <= 0):
             raise SolveError(
-                f"springs and dashpots alone may need {np.round(most, 6).tolist()} of "
-                f"gait.actuator_force = {given}",
+                "springs and dashpots alone may need "
+                f"{', '.join(f'{one:.6g}' for one in most)} of gait.actuator_force = "
+                f"{', '.join(f'{one:g}' for one in np.ravel(given))}, link by link",
                 "write a narrower gait.length around the rest length, a smaller gait.rate, or a "
                 "larger gait.actuator_force",
             )

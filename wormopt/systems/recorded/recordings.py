@@ -378,6 +378,7 @@ def run_of(
     noise: Mapping[str, float] = MappingProxyType({}),
 ) -> Run:
     """Read the recording of a run of a model; SceneError has keys of the table."""
+    _check_counts(model, table)
     columns = table.read(folder)
     places = _Places(model, table, units)
     seen, driven, left = places.sorted(columns)
@@ -415,6 +416,23 @@ def run_of(
     )
     drives = tuple(sorted({name for name, _ in driven.values()}))
     return Run(recording, table.use, tuple(left), drives, tuple(warnings))
+
+
+def _check_counts(model: Model, table: RecordingFile) -> None:
+    """Raise SceneError for lists of another length than their signals, also for those of one."""
+    sizes = {signal.name: signal.size for signal in (*model.x, *model.p, *model.u)}
+    faults = [
+        (
+            f"{key}.{name}",
+            f"has {len(value)} entr{'y' if len(value) == 1 else 'ies'} for {sizes[name]}; write "
+            f"one number for all, or a list of {sizes[name]}",
+        )
+        for key, given in (("start", table.start), ("parameters", table.parameters))
+        for name, value in (given or {}).items()
+        if isinstance(value, list | tuple) and len(value) != sizes.get(name, len(value))
+    ]
+    if faults:
+        raise SceneError(table.file, faults)
 
 
 # -- assignment of columns -------------------------------------------------------------------------

@@ -173,7 +173,11 @@ def scene_of(tables: dict[str, Any], folder: Path, units: str, key: str = "model
         beside = folder / str(source)
         found = load_scene(str(beside) if is_there(beside) else str(source), raw)
     except SceneError as error:
-        faults = [(f"{key}.{where}" if where else key, what) for where, what in error.faults]
+        named, said = (key, "") if source is None else (f"{key}.scene", f'"{source}": ')
+        faults = [
+            (f"{key}.{where}", what) if where else (named, f"{said}{what}")
+            for where, what in error.faults
+        ]
         raise SceneError(key, faults) from None
     if found.table.units != units:
         what = f'the scene in [{key}] has units = "{found.table.units}"; write the same here'
