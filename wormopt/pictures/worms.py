@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,11 @@ class Moving:
     load_unit: str = "1"
     angle: float = 0.0
     pull: float = 0.0
+
+    @cached_property
+    def positions(self) -> np.ndarray:
+        """Positions of the masses of all worms, (masses, frame)."""
+        return np.concatenate([lane.position for lane in self.lanes])
 
 
 def moving(result: Result) -> Moving | None:
@@ -187,9 +192,8 @@ def _slope(result: Result) -> tuple[float, float]:
 
 def camera(motion: Moving) -> np.ndarray | None:
     """Middle of the worms in each frame if they go far, else None: all of the way is shown."""
-    every = np.concatenate([lane.position for lane in motion.lanes])
-    reach = float((every.max(axis=0) - every.min(axis=0)).max())
-    far = 0 < 4 * reach < every.max() - every.min()
+    every = motion.positions
+    far = 0 < 4 * np.ptp(every, axis=0).max() < np.ptp(every)
     return (every.max(axis=0) + every.min(axis=0)) / 2 if far else None
 
 
@@ -233,17 +237,17 @@ def _stage(result: Result) -> Page:
 
 def _ends(motion: Moving) -> tuple[float, float]:
     """Ends of the ground that is seen, relative to the camera if it follows."""
-    middles = camera(motion)
-    every = np.concatenate([lane.position for lane in motion.lanes])
+    middles, every = camera(motion), motion.positions
     every = every if middles is None else every - middles
-    margin = 0.04 * float(np.ptp(every)) if middles is None else 0.4 * float(np.ptp(every))
+    margin = (0.04 if middles is None else 0.4) * float(np.ptp(every))
     return float(every.min()) - (margin or 1.0), float(every.max()) + (margin or 1.0)
 
 
 def _pose(panel: Panel, frame: int) -> None:
     """Draw the worms: masses at rest are filled and have their spikes out."""
     page = panel.page
-    motion, middles = _motion(page.result), camera(_motion(page.result))
+    motion = _motion(page.result)
+    middles = camera(motion)
     k = round(frame * (len(motion.time) - 1) / (animation.frames - 1))
     middle = 0.0 if middles is None else float(middles[k])
     for row, lane in enumerate(motion.lanes):

@@ -74,12 +74,11 @@ def motion_html(motion: Moving | Rod, ident: str) -> str:
 
 
 def _worm_parts(moving: Moving) -> tuple[str, dict[str, Any], str, str]:
-    low = min(lane.position.min() for lane in moving.lanes)
-    high = max(lane.position.max() for lane in moving.lanes)
-    middles, window = camera(moving), max(float(high - low), 1e-300)
+    middles, every = camera(moving), moving.positions
+    low, high = every.min(), every.max()
+    window = max(float(high - low), 1e-300)
     if middles is not None:
-        every = np.concatenate([lane.position for lane in moving.lanes])
-        window = 1.7 * float((every.max(axis=0) - every.min(axis=0)).max())
+        window = 1.7 * float(np.ptp(every, axis=0).max())
     scale = (_WIDTH - 2 * _PAD) / window
     loads = [np.abs(lane.load).max() for lane in moving.lanes if lane.load is not None]
     most = float(max(loads, default=0.0))

@@ -391,6 +391,7 @@ def test_the_bound_is_the_best_balance_of_power(
     a, u = np.meshgrid(np.linspace(0, rate or 1.5, 1501), np.linspace(0, 12, 1201))
     gain = np.minimum(u * a, power or np.inf) - 5.0 * a**2
     best = 2 * np.max(gain / 3.0 - effort * u**2)
+    assert bound is not None
     assert bound == pytest.approx(-best, rel=1e-3)
     assert -bound >= best * (1 - 1e-12)
 
@@ -485,7 +486,9 @@ def simulated(task: CrawlTask, found: Found) -> tuple[float, float]:
     run = simulate(wo.drive(task.plant, course, periodic=True), span, dense=True)
     assert run.dense is not None
     x = run.dense(np.linspace(span - found.duration, span, 400))
-    low, high = task.limits.length_ranges(task.worm.links)[0]
+    ranges = task.limits.length_ranges(task.worm.links)
+    assert ranges is not None
+    low, high = ranges[0]
     length = x[: masses - 1] - x[1:masses]
     over = max(low - length.min(), length.max() - high) / (high - low)
     return (x[0, -1] - x[0, 0]) / found.duration, over

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from wormopt.errors import ArgumentError, Fault, SolveError
 from wormopt.progress import Report
@@ -333,12 +333,7 @@ class Rivals(Following):
 
 
 class _Asked(Rivals):
-    """A comparison of loops that Python functions close, set by `compare` like its plant `own`."""
-
-    if TYPE_CHECKING:
-        _reference: Reference
-        _rivals: Mapping[str, Callable[[Model, Reference], Model] | Gait]
-        _spread: Mapping[str, float]
+    """A comparison of loops that Python functions close, with these in its `__dict__`."""
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows; there is no scene with a plant."""
@@ -352,16 +347,15 @@ class _Asked(Rivals):
 
     def drawn(self) -> Sequence[Draw]:
         """Parameters of the drawn plants."""
-        assert self.own is not None
-        return drawn_plants(self.own, self._spread, self.draws.seed, self.draws.members)
+        own, spread = vars(self)["own"], vars(self)["_spread"]
+        return drawn_plants(own, spread, self.draws.seed, self.draws.members)
 
     def controllers(self, index: int) -> Iterator[Controller]:
         """Close the loop of every rival."""
-        plant = self.own
-        assert plant is not None
-        for name, rival in self._rivals.items():
+        plant, reference = vars(self)["own"], vars(self)["_reference"]
+        for name, rival in vars(self)["_rivals"].items():
             try:
-                loop = _closed(rival, plant, self._reference, self.tube.radius)
+                loop = _closed(rival, plant, reference, self.tube.radius)
                 yield Controller(name, self.by_hardware(plant, loop))
             except ArgumentError as error:
                 raise ArgumentError(f"rival {name!r}: {error}") from None
@@ -524,5 +518,5 @@ def compare(
         hardware=hardware or Hardware(),
     )
     followed = study.hardware.limited(as_tracked(plant, output, input))
-    vars(study).update(own=followed, _reference=reference, _rivals=rivals, _spread=shares)
+    vars(study).update(own=followed, _reference=reference, _rivals=dict(rivals), _spread=shares)
     return replace(study.result(report), scene="comparison", scene_text="")
