@@ -334,12 +334,23 @@ def test_sizes_are_those_of_the_scene(changes: dict, tmp_path: Path):
         ("limits.actuator_force=[1.0, 2.0, 3.0]", r"limits\.actuator_force"),
         ("limits.length=[[1.4, 2.6]]", r"limits\.length.*one range nor one per link"),
         ("limits.tick=0.3", r"limits\.period.*no whole number of ticks"),
+        ('worm.friction={kind="spike"}', r"worm\.friction: resists no forward motion"),
+        ("worm.slope=0.1", r"worm\.gravity: missing"),
+        (
+            'worm.friction={kind="coulomb", forward=[0.0, 0.0, 0.0], backward=9.0}',
+            r"worm\.friction: resists no forward motion",
+        ),
         ("limits.force=3.0", "it is called actuator_force now"),
     ],
 )
 def test_limits_that_do_not_fit_are_refused(changes: str, words: str):
     with pytest.raises(SceneError, match=words):
         load_scene(SCENE, [changes])
+
+
+@pytest.mark.parametrize("keys", [["load=0.1"], ["drag=0.1"], ["slope=0.1", "gravity=9.81"]])
+def test_spikes_are_enough_where_something_resists(keys: list[str]):
+    load_scene(SCENE, ['worm.friction={kind="spike"}', *(f"worm.{key}" for key in keys)])
 
 
 @pytest.mark.parametrize("period", [(1.0, 1.0), (0.6, 2.0), (0.9, 1.2)])

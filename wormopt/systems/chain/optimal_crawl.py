@@ -186,6 +186,12 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
             )
         if self.worm.friction is None:
             yield "worm.friction", "missing, and a chain cannot crawl without friction; add it"
+        elif self.worm.resists_nothing:
+            yield (
+                "worm.friction",
+                "resists no forward motion, so coasting at any speed is a crawl without cost; "
+                "write friction forward, drag or load",
+            )
         earlier = self.search.result
         if earlier is not None and (unreadable := why_unreadable(self.folder / earlier)):
             yield "search.result", f'"{earlier}" cannot be read from {self.folder}: {unreadable}'

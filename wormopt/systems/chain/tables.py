@@ -209,6 +209,13 @@ class ChainTable(Given):
         return tuple(map(sum, zip(loads, pull, strict=True)))
 
     @property
+    def resists_nothing(self) -> bool:
+        """Whether neither ground, drag, load nor weight acts on a mass that moves forward."""
+        own = (getattr(law, key, 0.0) for law in self.ground for key in ("forward", "drag"))
+        given = (*own, self.drag, self.load, self.slope)
+        return not any(any(each) if isinstance(each, tuple) else each for each in given)
+
+    @property
     def facts(self) -> dict[str, Any]:
         """Facts on the weight along the slope."""
         return facts_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
