@@ -136,7 +136,7 @@ def _chain(dice: Dice) -> Judged:
 def _no_crawl(dice: Dice) -> Judged:
     """Crawls that cannot be."""
     more = 1 + spread(dice, 1e-3, 1e2)
-    yield "cheap", refused(lambda: Aim(maximise=None), "least speed")
+    yield "cheap", refused(lambda: Aim(maximise=None), "neither of maximise and minimise")
     yield (
         "mass",
         refused(lambda: chain(1, mass=-more, stiffness=1, damping=1, rest_length=1), "mass"),

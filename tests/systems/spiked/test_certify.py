@@ -30,7 +30,7 @@ from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
 from wormopt.systems.shared.sequences import Sequence_, is_gait
-from wormopt.systems.spiked.certify.bound import Bounded, bounded
+from wormopt.systems.spiked.certify.bound import Bounded, at_once, bounded
 from wormopt.systems.spiked.certify.certificate import Certificate, verify
 from wormopt.systems.spiked.certify.program import Level, Outer, Program
 from wormopt.systems.spiked.certify.statement import Statement
@@ -396,6 +396,22 @@ def test_long_worms_are_bounded_by_the_mean_rates_of_their_links():
     found = bound_of(g1(5), 1.9)
     assert found.bound == pytest.approx(2.5 * 0.6 / 0.65, rel=1e-8)
     proven(found)
+
+
+@pytest.mark.slow
+def test_a_robot_that_small_programs_do_not_bound_is_bounded_by_larger_ones():
+    """Rates alone give 20 mm/s; a gait of 16.91 mm/s is known."""
+    robot = GaitProblem(
+        Worm(4, 0.08, load=0.1362),
+        Limits(
+            period=(2.0, 12.0), length=(0.05, 0.07), rate=0.02, acceleration=0.08, resting=2,
+            spike_load=0.5,
+        ),
+    )  # fmt: skip
+    first = at_once(robot)
+    assert first is not None
+    assert first.bound == pytest.approx(0.02, rel=1e-9)
+    assert 0.0169 < bounded(robot, 0.0169, Certify(0.03, 600.0), silent, first).bound < 0.0175
 
 
 def test_jumps_are_bounded_by_rates_and_resting_masses():

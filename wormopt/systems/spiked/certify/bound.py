@@ -102,11 +102,11 @@ def bounded(
 def _small(task: GaitProblem, until: float = math.inf) -> Iterator[Bounded]:
     """Improving bounds on the speed: by rates, by mean rates, by small linear programs."""
     best = Bounded(ceiling_of(task), None, "by rates and resting masses", ())
-    yield best
     if task.limits.acceleration is None:
+        yield best
         return
     outer = Outer(Statement.of(task))
-    best = replace(best, outer=outer)
+    yield (best := replace(best, outer=outer))
     if outer.mesh is not None and size_of(outer, OF_STROKES) <= _AT_ONCE:
         outer.shorten(until - time.perf_counter())
     if (found := _by_mean_rates(outer, best)) is not best:
