@@ -305,8 +305,8 @@ def test_a_rate_that_means_none_changes_nothing():
     plant = worm()
     loop, _, _ = linear(plant)
     own = [
-        simulate(through_hardware(plant, loop, period=0.01, **given), 0.5, tolerance=FINE)
-        for given in ({}, {"rate": 1e30})
+        simulate(through_hardware(plant, loop, period=0.01, rate=rate), 0.5, tolerance=FINE)
+        for rate in (np.inf, 1e30)
     ]
     lengths = [motion["length"][0, -1] for motion in own]
     assert abs(lengths[1] - lengths[0]) < 1e-7 * abs(lengths[0] - AIM) + 1e-9
