@@ -62,7 +62,7 @@ def test_sensors_that_show_everything_as_it_is_change_nothing():
 
 
 def test_late_linear_feedback_is_that_of_a_matrix_exponential_until_the_delay_has_passed():
-    """Until then the force is constant; afterwards it hangs on what is known in closed form."""
+    """Until then the force is constant; afterwards it follows from what is known in closed form."""
     plant, delay = worm(), 0.3
     loop, k0, k1 = linear(plant)
     late = through_hardware(plant, loop, delay=delay)

@@ -129,7 +129,7 @@ def proportional(plant: wo.Model, aim: wo.Reference) -> wo.Model:
 
 @pytest.mark.parametrize("period", [None, 0.01])
 def test_hardware_limits_a_loop_of_ones_own(period: float | None):
-    """The cart at 0.1 is told to go to 0.8 by at most 3, so its first push is 3 for a while."""
+    """The cart at 0.1 shall go to 0.8 with at most 3, so its first push is 3 for a while."""
     plant = cart()
     aim = wo.gait_reference(wo.Gait(np.array([0.0, 1.0]), np.full((1, 1, 1), 0.8)), plant.t)
     found = wo.compare(
