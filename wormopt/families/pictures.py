@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownMemberType=false
 """Picture of a sweep: results over the keys that vary."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownMemberType=false
 """Studies computed in parallel, each once; a point without a solution is data with a reason."""
 
 from __future__ import annotations

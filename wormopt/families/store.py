@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownMemberType=false
 """Results of single points, each in a file named by a hash of its input.
 
 A file appears when its point is done. The process that computes a point holds a lock, which the
@@ -13,7 +14,7 @@ import os
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -93,7 +94,7 @@ class Store:
         return None if lacks_arrays and self.keep == "results" else result
 
     @contextmanager
-    def held(self, key: str, wait: float = -1) -> Iterator[None]:
+    def held(self, key: str, wait: float = -1) -> Generator[None]:
         """Hold the lock of a point; filelock.Timeout after `wait` seconds, never if negative."""
         lock = self.file(key).with_suffix(".lock")
         with FileLock(lock, timeout=wait):

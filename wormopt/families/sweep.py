@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 """The verb `sweep`: a scene computed at many values of some of its keys."""
 
 from __future__ import annotations

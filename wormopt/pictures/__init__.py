@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 """Pictures of results, from the names of their variables and scalars only.
 
 The registry of kinds lists them; each is loaded when it is drawn.

@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 """Signals of a motion over time, one below the other."""
 
 from __future__ import annotations

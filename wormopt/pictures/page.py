@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 """A Page of Panels over the variables and scalars of a result.
 
 Variables declare unit, dimensions and meaning, so that axes label themselves, curves of links and
@@ -294,7 +295,7 @@ class Panel:
             what = self.page.result[y].dims[-2]
         texts, shown = labels(what, len(rows), worm=worm), named(len(rows)) if legend else ()
         for j, (color, dashes) in enumerate(styles(what, len(rows))):
-            look = {"color": color, "ls": dashes} | style
+            look: dict[str, Any] = {"color": color, "ls": dashes} | style
             self.axes.plot(self._values(x), rows[j], label=texts[j] if j in shown else None, **look)
         self._along(x)
         self._auto("y", y, words)
@@ -307,7 +308,7 @@ class Panel:
 
     def band(self, x: Data, low: Data, high: Data, text: str = "", **style: Any) -> None:
         """Fill between two curves."""
-        look = {"alpha": 0.25, "linewidth": 0} | style
+        look: dict[str, Any] = {"alpha": 0.25, "linewidth": 0} | style
         self.axes.fill_between(self._values(x), self._values(low), self._values(high),
                                label=text or None, **look)  # fmt: skip
 
@@ -324,7 +325,7 @@ class Panel:
     ) -> None:
         """Draw a thin line across at a number or a scalar; nothing if it is unknown."""
         at: float | None = self.page.get(value) if isinstance(value, str) else value
-        look = {"color": GREY, "ls": LIMIT, "lw": 0.8} | style
+        look: dict[str, Any] = {"color": GREY, "ls": LIMIT, "lw": 0.8} | style
         across = self.axes.axhline if axis == "y" else self.axes.axvline
         if at is not None:
             across(at, label=text or None, **look)

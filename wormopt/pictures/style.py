@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownLambdaType=false
 """Style of pictures: colours, sizes, and how numbers, units and names are written.
 
 Everything is numbered from 0: mass 0 is the head, link 0 joins masses 0 and 1.
@@ -9,7 +10,7 @@ import math
 import re
 import warnings
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from types import MappingProxyType
@@ -87,7 +88,7 @@ STYLE: dict[RcKeyType, Any] = {
 
 
 @contextmanager
-def styled(more: Mapping[RcKeyType, Any] = MappingProxyType({})) -> Iterator[None]:
+def styled(more: Mapping[RcKeyType, Any] = MappingProxyType({})) -> Generator[None]:
     """Draw in our style, and with more settings of Matplotlib."""
     with rc_context({**STYLE, **more}), warnings.catch_warnings():
         # a title may have letters that the font lacks

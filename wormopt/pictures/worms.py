@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 """Masses on the ground in motion: what results hold of it, and an animation of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# pyright: strict
 """Scenes read into typed tables, and the studies that compute them."""
 
 from wormopt.lazy import on_use

@@ -1,3 +1,4 @@
+# pyright: strict
 """Tables that all simulations share: start, time span, tolerances, treatment of contact."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 """Output folders: rejected before the work starts, or complete when it is done.
 
 Files are written into a temporary folder and renamed into place. ``summary.json`` contains the
@@ -12,7 +13,7 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -65,7 +66,7 @@ def check_output(output: Output, files: Sequence[str]) -> Output:
 
 
 @contextmanager
-def output_folder(output: Output) -> Iterator[Path]:
+def output_folder(output: Output) -> Generator[Path]:
     """Yield a temporary folder whose files move to the output's when the context ends.
 
     Also after an error: a picture that fails must not cost the numbers.
@@ -165,7 +166,7 @@ def _is_as_written(folder: Path, name: str, digest: object) -> bool:
 
 
 @contextmanager
-def _staging(folder: Path) -> Iterator[Path]:
+def _staging(folder: Path) -> Generator[Path]:
     # Inside the folder if it exists: it may be writable where its parent is not, and files can only
     # be renamed within one file system.
     where = folder if folder.is_dir() else folder.parent

@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownArgumentType=false
 """The table ``[sweep]`` that any scene may have: which of its keys are varied, and how."""
 
 from __future__ import annotations

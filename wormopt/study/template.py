@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 """Initial scene of each kind: every key with its meaning, as TOML with comments.
 
 Required keys have the value of a packaged scene; all others are commented out, with their default

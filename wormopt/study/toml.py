@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 """Keys of a scene as TOML, written out or changed by ``--set`` and by tables from Python."""
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ Overrides = str | Mapping[str, Any] | Iterable[str | Mapping[str, Any]]
 
 def override(raw: dict[str, Any], overrides: Overrides) -> Iterator[Fault]:
     """Change raw tables in place, and yield faults."""
-    if not isinstance(overrides, Iterable):
+    if not isinstance(overrides, Iterable):  # pyright: ignore[reportUnnecessaryIsInstance]  from Python
         raise ArgumentError(f'overrides are texts "key=value" or dicts, not {overrides!r}')
     several: Iterable[Any] = [overrides] if isinstance(overrides, str | Mapping) else overrides
     for one in several:

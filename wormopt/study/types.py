@@ -1,3 +1,4 @@
+# pyright: strict
 """Types of scene values.
 
 Each type has a description, which messages use to say what to write. No number may be
