@@ -88,8 +88,8 @@ def test_an_output_of_the_model_is_followed_too():
     [
         ({}, "wheel has no output 'length'.*write output= one of 'phi', 'spin', 'tip', 'glow'"),
         ({"output": "phi"}, "no input 'input' of 1.*one of 'volt' of 1, 'torque' of 1"),
-        ({"output": "glow", "input": "torque"}, "its rate depends on torque"),
-        ({"output": "spin", "input": "torque"}, "its rate depends on torque"),
+        ({"output": "glow", "input": "torque"}, "rates of wheel directly"),
+        ({"output": "spin", "input": "torque"}, "rates of wheel directly"),
     ],
 )
 @pytest.mark.parametrize("close", [lambda_tracker, funnel_tracker, lqr])
