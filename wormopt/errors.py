@@ -37,7 +37,7 @@ class WormoptError(Exception):
 
 
 class ArgumentError(WormoptError, ValueError, TypeError):
-    """An argument from Python that cannot be used, by its value or by its type.
+    """A Python argument with an unusable value or type.
 
     Examples
     --------
@@ -52,13 +52,13 @@ class UnknownNameError(ArgumentError, KeyError):
     Parameters
     ----------
     where : str
-        What has no such name.
+        Object without this name.
     what : str
         What would be called so, "state" say.
     unknown : iterable of str
         The names asked for.
     known : iterable of str
-        Those there are.
+        Existing names.
     hint : str, optional
         Further advice at the end of the message.
 
@@ -141,11 +141,11 @@ class SolveError(WormoptError):
     Parameters
     ----------
     reason : str
-        What failed, in words of the scene (never a bare solver message).
+        Cause, in terms of the scene (never a bare solver message).
     suggestion : str
-        What to change.
+        Remedy.
     partial : Result or Trajectory, optional
-        What was found all the same; a Result is saved, marked as failed.
+        Results so far; a Result is saved, marked as failed.
     code : str, optional
         The reason in one word for programs, "step_too_small" say.
 
@@ -177,7 +177,7 @@ class Interrupted(KeyboardInterrupt):
     Parameters
     ----------
     partial : Result, Trajectory or Ensemble, optional
-        What was found so far; a Result is saved, marked as failed.
+        Results so far; a Result is saved, marked as failed.
 
     Examples
     --------

@@ -245,7 +245,7 @@ class SampledMotion(ABC):
         Parameters
         ----------
         *names : str
-            Which; the first eight if none is named.
+            Names of signals; the first eight if left out.
 
         Returns
         -------

@@ -111,7 +111,7 @@ def check_quantity(whose: str, unit: str) -> None:
     meant = meant or get_close_matches(unit, UNITS, n=1, cutoff=0.7)
     if not meant and all(_UNIT.fullmatch(part) for part in unit.split(" ")):
         return
-    hint = f"did you mean {meant[0]!r}?" if meant else 'write a quantity, "length" say, or "1"'
+    hint = f"did you mean {meant[0]!r}?" if meant else 'write a quantity such as "length", or "1"'
     raise ArgumentError(f"the unit of {whose!r} is {unit!r}; {hint}")
 
 
@@ -191,7 +191,7 @@ class Variable:
         Real numbers, not empty. Kept as float64, or int32 for integers and truth values
         (the file format knows no others).
     long_name : str
-        What it is, for axis labels.
+        Long name, for axis labels.
 
     Raises
     ------
@@ -236,7 +236,7 @@ class Variable:
         object.__setattr__(self, "dims", tuple(self.dims))
         for name in (self.name, *self.dims):
             if not NAME.fullmatch(name):
-                raise ValueError(f"{name!r} is no name of ASCII letters, digits and _")
+                raise ValueError(f"{name!r} is not a name of ASCII letters, digits and _")
         if len(self.dims) != values.ndim or not self.dims:
             raise ValueError(f"{self.name} has {values.ndim} axes but dimensions {self.dims}")
         if values.size == 0:
@@ -329,9 +329,9 @@ def to_number(text: str, quantity: str, units: str) -> float:
     # Radians are numbers in scenes without units, too: degrees are allowed there.
     target = unit_of("rad" if quantity == "angle" else quantity, units)
     if target == "1" and units != "SI" and unit_of(quantity, "SI") != "1":
-        raise ValueError('has a unit in a scene without; write the bare number, or units = "SI"')
+        raise ValueError('has a unit, but the scene none; write the bare number, or units = "SI"')
     if target == "1" and quantity != "share":
-        raise ValueError("has a unit where there is none; write the bare number")
+        raise ValueError("has a unit, but this quantity has none; write the bare number")
     hint = f"write {_article(quantity)}, {example(target)}"
     try:
         factor, dimension = parsed(found[2])
@@ -346,9 +346,9 @@ def to_number(text: str, quantity: str, units: str) -> float:
         exact = Fraction(found[1]) * factor / least
         number = float(exact)
     except (ValueError, OverflowError):
-        raise ValueError(f"is too large or too long a number; {hint}") from None
+        raise ValueError(f"is too large or has too many digits; {hint}") from None
     if exact and not number:
-        raise ValueError(f"is too small a number; {hint}")
+        raise ValueError(f"is too small; {hint}")
     return number
 
 
@@ -370,9 +370,9 @@ def bare_number(text: str) -> str:
 def example(unit: str) -> str:
     """Show by an example how to write a number of a unit."""
     if unit == "1":
-        return '"5 %" or 0.05 say'
+        return 'for example "5 %" or 0.05'
     with_unit, bare = _EXAMPLES.get(unit, (f"0.06 {unit}", "0.06"))
-    return f'"{with_unit}" or {bare} say'
+    return f'for example "{with_unit}" or {bare}'
 
 
 def _article(quantity: str) -> str:
@@ -387,15 +387,15 @@ def parsed(unit: str) -> tuple[Fraction, Dimension]:
     for index, part in enumerate(unit.replace("**", "^").split("/")):
         factors = re.split(r"[\s·*]+", part.strip()) if part.strip() else []
         if index and len(factors) > 1:
-            raise ValueError("has a product behind its /, which may be read in two ways")
+            raise ValueError("has a product after /, which is ambiguous")
         if index and not factors:
-            raise ValueError("has nothing behind its /")
+            raise ValueError("has nothing after /")
         if "1" in factors[1:] or (len(factors) > 1 and factors[0] == "1"):
-            raise ValueError("is two numbers")
+            raise ValueError("contains two numbers")
         for text in factors:
             found = _FACTOR.fullmatch(text)
             if not found:
-                raise ValueError(f'has no unit that can be read, "{text}"')
+                raise ValueError(f'has a unit that cannot be read, "{text}"')
             power = int(found[2] or 1) * (-1 if index else 1)
             size, base = _symbol(found[1])
             factor *= size**power
@@ -413,9 +413,9 @@ def scale(unit: str) -> tuple[Fraction, Dimension]:
     size, dimension = parsed(found[2] if found else unit)
     factor = Fraction(found[1]) * size if found else size
     if not factor:
-        raise ValueError("is no size")
+        raise ValueError("is 0")
     if not 1e-300 < abs(factor) < 1e300:
-        raise ValueError("is too large or too small a size")
+        raise ValueError("is too large or too small")
     return factor, dimension
 
 

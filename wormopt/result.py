@@ -55,7 +55,7 @@ def load(path: Path) -> dict[str, Any]:
     except OSError:
         raise
     except Exception as error:  # the reader raises nearly anything on a damaged file
-        raise ValueError(f"{path} is no result of wormopt ({error})") from error
+        raise ValueError(f"{path} is not a result of wormopt ({error})") from error
 
 
 def _exports(result: Any) -> dict[str, str]:
@@ -171,20 +171,20 @@ def left_out(share: float, text: str) -> str:
 
 @dataclass(frozen=True)
 class Check:
-    """One line of a trust report: a number, what is accepted, and what to do where it is more.
+    """One check of a trust report: a number, its accepted limit, and advice if it is larger.
 
     Parameters
     ----------
     name : str
-        What was looked at.
+        Name of the checked quantity.
     value : float or None
-        What was found; None, or NaN, is not accepted.
+        Its value; None, or NaN, is not accepted.
     limit : float
         Largest size that is accepted.
     advice : str
-        What is said of the result where it is more.
+        Message if the value is larger.
     passed : bool, optional
-        Whether it is accepted, where size alone does not show it.
+        Whether it is accepted; by default, whether the value is within the limit.
 
     Examples
     --------
@@ -253,7 +253,7 @@ class Result:
     timings_s : mapping of str to float
         Seconds spent per stage.
     reason : str
-        Why the result failed or is unchecked; empty otherwise.
+        Reason why the result failed or is unchecked; empty otherwise.
     scene_text : str
         The resolved scene as JSON text, enough to compute the result again.
     attributes : mapping of str to JSON data
@@ -343,7 +343,7 @@ class Result:
         Parameters
         ----------
         reason : str
-            Why.
+            Reason of the failure.
         """
         return replace(self, status="failed", reason=reason)
 

@@ -111,7 +111,7 @@ def load(
     return load_scene(scene, overrides, **tables).table
 
 
-_NO_MEMORY = "more memory is needed than there is; shorter times, or fewer samples, need less"
+_NO_MEMORY = "out of memory; use shorter times or fewer samples"
 
 
 def attempt(scene: Scene[Any], report: Report = silent, only: Sequence[str] = ()) -> Result:
@@ -150,7 +150,7 @@ def result_at(given: str | Path) -> Result:
         except OSError as error:
             why = f"cannot be read: {error.strerror or error}"
         except ValueError:
-            why = "is no result of wormopt, or a damaged one; name another, or run its scene again"
+            why = "is not a result of wormopt, or is damaged; name another, or run its scene again"
     raise ArgumentError(f"{given}: {why}")
 
 

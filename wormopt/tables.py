@@ -112,11 +112,11 @@ def read_table(
     Raises OSError if the file cannot be read.
     """
     if path.stat().st_size > _MOST_BYTES:
-        wrong.append(("", " is larger than 500 MB; keep fewer samples, a hundred per period say"))
+        wrong.append(("", " is larger than 500 MB; keep fewer samples, for example 100 per period"))
         return None
     text = _decoded(path.read_bytes())
     if text is None:
-        wrong.append(("", " is no text; save it as CSV text in UTF-8"))
+        wrong.append(("", " is not text; save it as CSV text in UTF-8"))
         return None
     return parse_table(text, wrong, time=time, named=named)
 
@@ -153,7 +153,7 @@ def parse_table(
         first, separator = _line_of_names(lines, separator, time)
         rows = [(n, _cells(line, separator)) for n, line in lines[max(first, 0) :]]
     except csv.Error as error:
-        wrong.append(("", f" is no CSV text ({error}); save it as CSV text in UTF-8"))
+        wrong.append(("", f" is not CSV text ({error}); save it as CSV text in UTF-8"))
         return None
     rows = [row for row in rows if any(row[1])]
     if not rows:
@@ -194,7 +194,7 @@ def parse_table(
                 if number is None:
                     wrong.append((name, f" line {n}, column {name}: {_why_none(cell)}"))
                 elif math.isinf(number):
-                    what = "is infinite; leave the cell empty where there is no number"
+                    what = "is infinite; leave the cell empty if there is no number"
                     wrong.append((name, f" line {n}, column {name}: {cell} {what}"))
         values[name] = tuple(math.nan if v is None or name in texts else v for v in numbers)
         if name != time and (bits := _bits_of_wrapped(values[name])):
@@ -462,8 +462,8 @@ def _has_decimal_commas(rows: list[Row], names: list[str], wrong: list[Wrong]) -
     if commas and points:
         few, many = sorted((commas, points), key=len)
         (number, name, cell), (other, _, usual) = few[0], many[0]
-        what = f'"{cell}" and, in line {other}, "{usual}" have different decimal signs; write one'
-        wrong.append((name, f" line {number}, column {name}: {what} kind in all cells"))
+        what = f'"{cell}" and, in line {other}, "{usual}" have different decimal signs; use one'
+        wrong.append((name, f" line {number}, column {name}: {what} in all cells"))
     elif commas and all(_THOUSANDS.fullmatch(cell) for _, _, cell in commas):
         number, name, cell = commas[0]
         what = f'"{cell}" may be {cell.replace(",", "")} or {cell.replace(",", ".", 1)}; write one'
@@ -518,7 +518,7 @@ def _why_none(cell: str) -> str:
         return f'"{shown}" has separators of thousands; write {plain}'
     if cell and _CLOCK.fullmatch(cell):
         return f'"{shown}" is a date or a time of day; write seconds from the start'
-    return f'"{shown}" is no number; write one, or leave the cell empty'
+    return f'"{shown}" is not a number; write one, or leave the cell empty'
 
 
 def _line_of(fault: Wrong) -> int:

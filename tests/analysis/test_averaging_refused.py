@@ -77,14 +77,14 @@ def swinging(velocity: Callable[[Any, Any], Any]) -> Callable[[], Model]:
     ("make", "message"),
     [
         (lambda: "block", "must be a Model, not str"),
-        (lambda: block(Spike()), "block cannot slide both ways"),
+        (lambda: block(Spike()), "block must slide both ways"),
         (in_the_plane, "block moves in the plane"),
         (lagging, "delay"),
         (switching, "a block has switches"),
         (with_z, "algebraic variables"),
         (lambda: block(ode=lambda v, t, f: f + t), PERIODIC),
         (lambda: block(ode=lambda v, t, f: f + ca.fmax(t - 7.5, 0)), PERIODIC),
-        (lambda: scheduled(True), "the velocity of block follows a schedule"),
+        (lambda: scheduled(True), "the velocity of block depends on a schedule"),
         (lambda: scheduled(False, False), "does not repeat"),  # it ends
         (lambda: scheduled(False, True, 5.0), PUSH),
         (of_two_factors, "ratios depend on states"),

@@ -126,7 +126,7 @@ def test_complex_eigenvalues_turn_with_the_stiffness():
     [
         (["speed"], "no state, parameter, input or schedule 'speed'"),
         (["push[2]"], "has 2 entries"),
-        (["x"], "does not depend on where states start"),
+        (["x"], "does not depend on initial states"),
         ({"d": {"push": [1.0, 2.0, 3.0]}}, "not of the shape|one number or"),
         ({"d": {"push": [np.nan, 0.0]}}, "must be finite"),
         ({"d": 1.0}, "not float"),

@@ -325,7 +325,7 @@ def loop_of(plant: Model, **options: Any) -> Model:
         (lambda: loop_of(worm(), p={"mas": 1.0}), "mas"),
         (lambda: loop_of(worm(), p={"mass": -1.0}), "mass must be positive"),
         (lambda: loop_of(cubic_spring()), "cubic is not linear"),
-        (lambda: loop_of(idle()), "do not accelerate all links"),
+        (lambda: loop_of(idle()), "do not accelerate links independently"),
         (lambda: loop_of(worm(), feedforward=np.zeros(2)), "feedforward must be a Gait"),
         (
             lambda: loop_of(worm(), feedforward=travelling_sine(3, 1.0)),

@@ -261,14 +261,14 @@ WIDE = Funnel(9.0, 1.0, 1.0)
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: lambda_tracker(worm(), constant(3), tube_radius=0.2), "has 3 entries, length"),
+        (lambda: lambda_tracker(worm(), constant(3), tube_radius=0.2), "has 3 entries, but length"),
         (lambda: lambda_tracker(worm(), constant(2), tube_radius=0.0), "tube_radius must be"),
         (lambda: lambda_tracker(worm(), constant(2), tube_radius=np.inf), "tube_radius must be"),
         (
             lambda: lambda_tracker(worm(), constant(2), tube_radius=0.2, gain_start=0.0),
             "gain_start must be finite and above 0",
         ),
-        (lambda: lambda_tracker(without_inertia(), constant(1), tube_radius=0.2), "not by inertia"),
+        (lambda: lambda_tracker(without_inertia(), constant(1), tube_radius=0.2), "directly, not"),
         (
             lambda: lambda_tracker(pushed(), constant(2), tube_radius=0.2),
             "has no input 'input' of 2",

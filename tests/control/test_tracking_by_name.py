@@ -86,10 +86,10 @@ def test_an_output_of_the_model_is_followed_too():
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        ({}, "wheel has no output 'length'.*by output=: 'phi', 'spin', 'tip', 'glow'"),
-        ({"output": "phi"}, "no input 'input' of 1.*by input=: 'volt' of 1, 'torque' of 1"),
-        ({"output": "glow", "input": "torque"}, "at once, not by inertia"),
-        ({"output": "spin", "input": "torque"}, "at once, not by inertia"),
+        ({}, "wheel has no output 'length'.*write output= one of 'phi', 'spin', 'tip', 'glow'"),
+        ({"output": "phi"}, "no input 'input' of 1.*one of 'volt' of 1, 'torque' of 1"),
+        ({"output": "glow", "input": "torque"}, "rates of wheel directly"),
+        ({"output": "spin", "input": "torque"}, "rates of wheel directly"),
     ],
 )
 @pytest.mark.parametrize("close", [lambda_tracker, funnel_tracker, lqr])

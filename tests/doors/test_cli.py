@@ -255,7 +255,7 @@ def test_what_another_program_holds_open_on_windows_is_refused_and_costs_no_resu
 
     study(meanwhile)
     assert main(["run", "fast_gait", "-o", "out", "--no-plots"]) == 2
-    assert "spikes.png: cannot be replaced; close what has it open" in capsys.readouterr().err
+    assert "spikes.png: cannot be replaced; close the program" in capsys.readouterr().err
     assert (tmp_path / "out" / "result.nc").read_bytes() == before
     (spare,) = (path for path in tmp_path.iterdir() if path.name.startswith("out-"))
     assert Result.load(spare).scene == "fast_gait"

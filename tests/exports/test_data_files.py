@@ -25,7 +25,7 @@ def test_parquet_holds_the_signals_with_their_units(walk: Result, tmp_path: Path
                                   "resting_2"]  # fmt: skip
     assert table.field("length_0").metadata == {b"units": b"m"}
     assert str(table.field("resting_0").type).startswith("int")
-    assert "by the gait's own formulas: length" in table.schema.metadata[b"remarks"].decode()
+    assert "from the gait's formulas: length" in table.schema.metadata[b"remarks"].decode()
     found = table.to_pydict()
     gait = gait_in(walk)
     for j in range(2):

@@ -395,7 +395,7 @@ def test_models_that_no_fmu_can_be_are_refused(tmp_path: Path):
     (model, _) = scene.table.models().values()
     x = ca.vertcat(*(s.symbol for s in model.x))
     jumps = wo.Switch("turn", x[0] - 1, -x)
-    with pytest.raises(wo.ArgumentError, match="'turn' moves or ends"):
+    with pytest.raises(wo.ArgumentError, match="'turn' changes states or ends"):
         wo.export(replace(model, switches=[jumps]), "fmu", tmp_path)
     z = wo.Signal("z", ca.SX.sym("z"))
     with pytest.raises(wo.ArgumentError, match="algebraic"):

@@ -63,7 +63,7 @@ def test_units_stand_in_the_head(tmp_path: Path):
 def test_a_gait_is_evaluated_and_not_interpolated(fast: Result, tmp_path: Path):
     (file,) = wo.export(fast, "csv", tmp_path / "a.csv", step=0.007)
     text = file.read_text("utf-8")
-    assert "by the gait's own formulas: length, rate, acceleration" in text
+    assert "from the gait's formulas: length, rate, acceleration" in text
     table = columns(text)
     t = table["time [1]"]
     assert [repr(v) for v in t[:4].tolist()] == ["0.0", "0.007", "0.014", "0.021"]
@@ -145,7 +145,7 @@ def test_every_result_is_written_whole(path: Path, tmp_path: Path):
 
 def test_the_step_is_checked(fast: Result, tmp_path: Path):
     for step in (0.0, -1.0, np.nan, np.inf, 1e-12):
-        with pytest.raises(wo.ArgumentError, match="larger" if step == 1e-12 else "positive"):
+        with pytest.raises(wo.ArgumentError, match="more than" if step == 1e-12 else "positive"):
             wo.export(fast, "csv", tmp_path, step=step)
     still = Result.load(SAVED / "segment_shapes.nc")
     with pytest.raises(wo.ArgumentError, match="no time"):
@@ -247,11 +247,11 @@ def test_columns_that_are_not_there_are_refused(
 @pytest.mark.parametrize(
     ("formats", "options", "what"),
     [
-        (["mat", "c"], {"step": 0.1}, "step changes nothing in mat, c, only in csv, parquet, ros"),
-        ("mjcf", {"columns": ["length"]}, "columns changes nothing in mjcf, only in csv"),
-        ("csv", {"rest": True}, "rest changes nothing in csv, only in ros"),
-        ("csv", {"cycles": 2}, "cycles changes nothing in csv, only in ros"),
-        ("urdf", {"step": 0.1, "whole_steps": True}, "whole_steps changes nothing in urdf"),
+        (["mat", "c"], {"step": 0.1}, "step has no effect on mat, c, only on csv, parquet, ros"),
+        ("mjcf", {"columns": ["length"]}, "columns has no effect on mjcf, only on csv"),
+        ("csv", {"rest": True}, "rest has no effect on csv, only on ros"),
+        ("csv", {"cycles": 2}, "cycles has no effect on csv, only on ros"),
+        ("urdf", {"step": 0.1, "whole_steps": True}, "whole_steps has no effect on urdf"),
         ("csv", {"step": 2.0}, "the step 2 gives one row only; write less than 1"),
     ],
 )
@@ -349,7 +349,7 @@ def test_several_formats_at_once(saved: Path, tmp_path: Path, capsys: Capture, m
     [
         (["result"], "--csv, --parquet, --mat, --hdf5, --c, --arduino, --ros, --mjcf"),
         (["nothing", "--csv"], "nothing"),
-        (["mine.txt", "--csv"], "no result of wormopt"),
+        (["mine.txt", "--csv"], "not a result of wormopt"),
         (["result", "--fmu"], "kind simulate or track"),
         (["result", "--csv", "--fmu"], "kind simulate or track"),
         (["result", "--csv", "-o", "mine.txt"], "ends in .csv"),
@@ -364,7 +364,7 @@ def test_several_formats_at_once(saved: Path, tmp_path: Path, capsys: Capture, m
         (["result", "--mat", "-o", "a" * 300 + ".mat"], "File name too long"),
         (["result", "--csv", "--step", "0"], "positive"),
         (["result", "--csv", "--step", "10 mm"], "'10 mm'"),
-        (["result", "--csv", "--step", "often"], "write 0.01, say"),
+        (["result", "--csv", "--step", "often"], "write for example 0.01"),
         (["result", "--ros", "--cycles", "0"], "cycles"),
     ],
 )

@@ -176,7 +176,7 @@ def test_results_without_such_a_robot_are_refused(tmp_path: Path):
         (Result("walk", "simulate", scene_text=constant.text), "need commanded lengths"),
         (
             Result("walk", "planar-motion", scene_text=sliding.text),
-            "cannot have ground.law; take springs",
+            "do not support ground.law; use springs",
         ),
     ):
         for into in ("mjcf", "urdf"):
@@ -188,7 +188,7 @@ def test_results_without_such_a_robot_are_refused(tmp_path: Path):
 def test_a_result_that_failed_early_is_written_all_the_same(bent: Result, tmp_path: Path):
     failed = Result("walk", bent.kind, status="failed", reason="torn", scene_text=bent.scene_text)
     (file,) = wo.export(failed, "mjcf", tmp_path)
-    assert "NOT TO BE TRUSTED, the result failed: torn" in file.read_text("utf-8")
+    assert "DO NOT USE, the result failed: torn" in file.read_text("utf-8")
     whole = parsed(bent, "mjcf", tmp_path)
     kept = [key.attrib for key in ElementTree.parse(file).getroot().iter("key")]
     assert kept == [key.attrib for key in whole.iter("key")]

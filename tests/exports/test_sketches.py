@@ -179,7 +179,7 @@ def test_a_sketch_has_a_folder_of_its_own(fast: Result, tmp_path: Path, capsys: 
         folder = folder if folder.name == "gait_2_legs" else folder / "gait_2_legs"
         assert {file.suffix for file in folder.iterdir()} == {".ino", ".h", ".c"}
     assert main([*asked, "--step", "0.1"]) == 2
-    assert "step changes nothing in arduino, c" in capsys.readouterr().err
+    assert "step has no effect on arduino, c" in capsys.readouterr().err
 
 
 def test_a_cycle_that_no_clock_counts_is_refused(tmp_path: Path):
@@ -188,6 +188,6 @@ def test_a_cycle_that_no_clock_counts_is_refused(tmp_path: Path):
         with pytest.raises(wo.ArgumentError, match="clock of a sketch"):
             wo.export(slow, "arduino", tmp_path)
     large = wo.Gait(np.array([0.0, 1.0]), np.full((1, 1, 1), 1e39))
-    with pytest.raises(wo.ArgumentError, match="32 bits; choose larger units"):
+    with pytest.raises(wo.ArgumentError, match="32-bit numbers; choose larger units"):
         wo.export(large, "arduino", tmp_path)
     assert not [*tmp_path.iterdir()]

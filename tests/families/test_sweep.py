@@ -102,10 +102,10 @@ def test_drawn_points_fill_the_ranges_and_repeat_with_their_seed(method):
     ("text", "key", "part"),
     [
         ("sweep=3", "sweep", "a table"),
-        ("sweep={over={}}", "sweep.over", "nothing is varied"),
-        ('sweep={over={"worm.load"="1:10"}}', "sweep.over.worm.load", "how many values"),
+        ("sweep={over={}}", "sweep.over", "no key is varied"),
+        ('sweep={over={"worm.load"="1:10"}}', "sweep.over.worm.load", "number of values"),
         ('sweep={over={"worm.load"="one"}}', "sweep.over.worm.load", "first:last:count"),
-        ('sweep={over={"worm.load"=3}}', "sweep.over.worm.load", "no list or range"),
+        ('sweep={over={"worm.load"=3}}', "sweep.over.worm.load", "not a list or range"),
         ('sweep={over={"worm.load"=[]}}', "sweep.over.worm.load", "empty list"),
         ('sweep={over={"worm.load"="0:10:3:log"}}', "sweep.over.worm.load", "above 0"),
         ('sweep={over={"a"=[1], "b"=[1, 2]}, method="zip"}', "sweep.over", "1 of a, 2 of b"),
@@ -113,7 +113,7 @@ def test_drawn_points_fill_the_ranges_and_repeat_with_their_seed(method):
         ('sweep={over={"a"="2:1"}, method="sobol", points=2}', "sweep.over.a", "empty"),
         ('sweep={over={"a"="1:2"}, method="sobol"}', "sweep.points", "missing"),
         ('sweep={over={"a"=[1]}, points=4}', "sweep.points", "latin-hypercube"),
-        ('sweep={over={"a"="1:2:2000000"}}', "sweep.over.a", "too many"),
+        ('sweep={over={"a"="1:2:2000000"}}', "sweep.over.a", "not allowed"),
         ('sweep={over={"a"="1:9:2000", "b"="1:9:2000"}}', "sweep.over", "too many"),
     ],
 )
@@ -172,7 +172,7 @@ def test_scenes_that_are_refused_are_data_unless_all_are():
     assert (refused == [0, 2]) == bool(reasons[1]) == ("worm.load" in reasons[1])
     with pytest.raises(wo.SceneError, match="did you mean load"):
         small({"worm.laod": [1, 2]})
-    with pytest.raises(wo.SceneError, match=r"sweep: missing; write \[sweep\]"):
+    with pytest.raises(wo.SceneError, match=r"sweep: missing; write for example \[sweep\]"):
         wo.sweep("fast_gait", engine=SERIAL)
 
 
@@ -436,7 +436,7 @@ def test_a_file_that_changes_meanwhile_spoils_no_store(tmp_path: Path):
 
     record = compute(replace(job_of(load_scene(scene), tmp_path), work=changing))
     assert record is not None
-    assert (record.status, "changed meanwhile" in record.reason) == ("failed", True)
+    assert (record.status, "changed during the sweep" in record.reason) == ("failed", True)
     assert not list(tmp_path.glob("*.nc"))
 
 

@@ -121,7 +121,7 @@ def test_the_model_is_moved_as_chosen(choice):
         (lambda: Ramps("u", (0.0,), 1.0, 3, change=0.0), "change must be positive"),
         (lambda: Ramps("u", (0.0,), 1.0, 0, change=1.0), "whole number"),
         (lambda: Waves("u", (0.0,), (2.0, 1.0), 2, change=1.0), "empty"),
-        (lambda: Constant("u", 1.0, 1.0), "no range"),
+        (lambda: Constant("u", 1.0, 1.0), "not a range"),
         (lambda: Constant("steer", 0.0, 1.0).put(sled()), "no input or parameter 'steer'"),
     ],
 )
@@ -188,7 +188,7 @@ def test_no_room_and_nothing_told_are_said():
         ({"measured": {"position": 0.0}}, "noise of position"),
         ({"times": [2.0, 1.0]}, "ascend"),
         ({"choices": [Constant("damping", 1.0, 2.0)]}, "both chosen and unknown"),
-        ({"limits": {"length": (-np.inf, np.inf)}}, "limits nothing"),
+        ({"limits": {"length": (-np.inf, np.inf)}}, "must be finite and ascend"),
         ({"known": np.eye(3)}, "covariance"),
         ({"unknowns": [wo.Unknown("stifness")]}, "stifness"),
     ],

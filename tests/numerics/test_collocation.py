@@ -119,7 +119,7 @@ def test_bernstein_coefficients_bound_a_polynomial_and_meet_it_at_the_ends(
 
 @pytest.mark.parametrize("degree", [0, -1])
 def test_a_degree_below_one_is_refused(degree: int):
-    with pytest.raises(ValueError, match="whole number from 1 on"):
+    with pytest.raises(ValueError, match="whole number, 1 or above"):
         Collocation(degree)
 
 

@@ -429,7 +429,7 @@ def test_viscous_drag_is_itself_in_a_complementary_problem():
 def test_arguments_that_cannot_be_used_are_named():
     problem, mesh = slide(), Mesh.even(1, 4, Collocation(2))
     with pytest.raises(
-        ArgumentError, match="is Regularised, Complementarity or FixedModes, not Smooth"
+        ArgumentError, match="must be Regularised, Complementarity or FixedModes, not Smooth"
     ):
         optimise(problem, mesh, Smooth(0.1), LINE)  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match=r"it must give \(2, 8\)"):

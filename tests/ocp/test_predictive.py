@@ -130,11 +130,11 @@ TASK, EVEN = problem_of(block(), 2.0), Mesh.even(1, 4, RADAU)
             {"path_constraints": [Constraint("way", TASK.model["position"], 0, 1)]},
             EVEN,
             Regularised(0.1),
-            "no limits along the way",
+            "only limits of inputs",
         ),
         ({"minimise": TASK.ends.end[0] ** 2}, EVEN, Regularised(0.1), "weighted sum of integrals"),
         ({}, Mesh(1, 4, RADAU), Regularised(0.1), "mesh with shares"),
-        ({"duration": (1.0, 2.0)}, EVEN, Regularised(0.1), "given duration"),
+        ({"duration": (1.0, 2.0)}, EVEN, Regularised(0.1), "fixed duration"),
         ({}, EVEN, Complementarity(0.1), "smooth contact"),
         ({}, Mesh.even(1, 4, RADAU, input_degree=1), Regularised(0.1), "constant on each arc"),
     ],
@@ -359,7 +359,7 @@ def test_a_worm_that_is_as_believed_is_moved_at_least_as_well_as_open_loop():
 @pytest.mark.parametrize("state", [[np.nan, 0.0], [np.inf, 0.0], [0.0], [0.0, 0.0, 0.0]])
 def test_what_is_no_state_is_refused(state: list[float]):
     control = PredictiveController(planned(), MpcOptions(3))
-    with pytest.raises(ArgumentError, match="a state has 2 finite numbers"):
+    with pytest.raises(ArgumentError, match="state must be 2 finite numbers"):
         control.decide(0, np.array(state))
 
 

@@ -429,7 +429,7 @@ def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
 
 def test_wrong_number_of_phases_is_refused():
     program = Transcription(from_to(BLOCK, (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
-    with pytest.raises(ValueError, match="1 phases given, the mesh has 2"):
+    with pytest.raises(ValueError, match="modes has 1 phases, but the mesh has 2"):
         program.bounds(ModeSequence(((1,),)))
 
 

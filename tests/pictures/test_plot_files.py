@@ -285,7 +285,7 @@ def test_plot_tells_what_is_no_result(tmp_path: Path, capsys: Any):
     assert "holds no result.nc" in capsys.readouterr().err
     (tmp_path / "result.nc").write_text("nothing")
     assert main(["plot", str(tmp_path)]) == 2
-    assert "is no result of wormopt" in capsys.readouterr().err
+    assert "is not a result of wormopt" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("size", ["wide", "10mm", "-85mm", "85pt", "nan", "1e9"])
@@ -293,7 +293,7 @@ def test_plot_refuses_a_size_that_is_none(saved: Path, size: str, capsys: Any):
     with pytest.raises(SystemExit) as stop:
         main(["plot", str(saved), f"--width={size}"])
     assert stop.value.code == 2
-    assert "write 85mm, say" in capsys.readouterr().err
+    assert "write for example 85mm" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -290,8 +290,8 @@ def test_nothing_is_written_over(gait: Result, tmp_path: Path, capsys: Capture):
     [
         ("none.nc", "there is no such folder or file"),
         ("empty", "holds no result.nc"),
-        ("broken.nc", "is no result of wormopt"),
-        ("notes.txt", "is no result of wormopt"),
+        ("broken.nc", "is not a result of wormopt"),
+        ("notes.txt", "is not a result of wormopt"),
     ],
 )
 def test_what_is_no_result_is_refused(given: str, says: str, tmp_path: Path, capsys: Capture):

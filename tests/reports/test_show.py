@@ -224,7 +224,7 @@ def test_a_file_of_somebody_else_cannot_steer_the_terminal(tmp_path: Path, capsy
         ("nowhere", "there is no such folder or file; name a folder of results"),
         ("walk", "there is no such folder or file; did you mean results/walk?"),
         (".", "holds no result.nc; name a folder that `wormopt run` wrote"),
-        ("results/walk/summary.json", "is no result of wormopt, or a damaged one"),
+        ("results/walk/summary.json", "is not a result of wormopt, or is damaged"),
     ],
 )
 def test_what_is_no_result_is_refused(folder: Path, capsys: Capture, name: str, told: str):
@@ -241,7 +241,7 @@ def test_a_damaged_file_is_refused_wherever_it_is_cut(folder: Path, capsys: Capt
     for size in (0, 1, 4, 40, len(whole) // 3, len(whole) // 2, len(whole) - 8):
         file.write_bytes(whole[:size])
         assert main(["show", str(folder)]) == 2, size
-        assert "is no result of wormopt, or a damaged one" in capsys.readouterr().err
+        assert "is not a result of wormopt, or is damaged" in capsys.readouterr().err
 
 
 def test_pages_show_what_is_printed(capsys: Capture, tmp_path: Path):

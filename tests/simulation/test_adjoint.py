@@ -428,7 +428,7 @@ def test_what_is_in_doubt_forward_is_in_doubt_backward():
         ({"position": np.ones((3, 5))}, r"not \(3, 5\)"),
         ({"position": [np.nan, 0.0, 0.0]}, "must be finite"),
         ({"position": "far"}, "list of numbers"),
-        ([1.0], "by its name"),
+        ([1.0], "by name"),
     ],
 )
 def test_weights_that_do_not_fit_are_refused(weights, message: str):

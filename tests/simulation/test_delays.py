@@ -184,7 +184,7 @@ def test_a_motion_with_delays_ends_by_a_switch_and_is_stopped():
 
 
 def test_steps_are_counted_over_all_stretches():
-    with pytest.raises(SolveError, match="steps were spent") as refused:
+    with pytest.raises(SolveError, match="steps was reached") as refused:
         simulate(retarded(0.5), 15.0, tolerance=Tolerance(max_steps=40))
     assert 30 <= refused.value.partial.n_steps <= 41
     assert 0 < refused.value.partial.end_time < 10
@@ -209,7 +209,7 @@ def test_rates_of_the_past_are_not_known():
     x, v, u, past = (ca.SX.sym(name) for name in ("x", "v", "u", "past"))
     states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
     delayed = {"u": [Signal("input", u, value=0.0)], "delays": [Delay("past", past, x, 0.3)]}
-    with pytest.raises(ArgumentError, match="rates of signals of the past are not known"):
+    with pytest.raises(ArgumentError, match="rates of delayed signals are unknown"):
         wo.normal_form(Model("early", states, ca.vertcat(v + past, u - x), **delayed), output="x")
     late = Model("late", states, ca.vertcat(v, u - x - past), **delayed)
     form = wo.normal_form(late, output="x")
@@ -236,9 +236,9 @@ def shown() -> Model:
 @pytest.mark.parametrize(
     ("use", "message"),
     [
-        (lambda: simulate(retarded(), 1.0, route="cvodes"), "keep no past"),
+        (lambda: simulate(retarded(), 1.0, route="cvodes"), "do not support delays"),
         (lambda: simulate(retarded(1e-9), 1.0), r"1e\+09 stretches, more than max_steps"),
-        (lambda: simulate(forced(), 1.0), "not of contact forces or of what is delayed"),
+        (lambda: simulate(forced(), 1.0), "not on contact forces or delayed signals"),
         (lambda: periodic_orbit(retarded(), 1.0), "does not support delays, and lagging has past"),
         (lambda: wo.linearise(shown(), output="place"), "has delays"),
         (lambda: wo.relative_degree(shown(), output="place"), "has delays"),

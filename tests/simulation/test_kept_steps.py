@@ -192,7 +192,7 @@ def test_a_sample_at_the_instant_of_the_last_event_is_there(route: Route):
     assert motion.time.tolist() == [0, 0.5]
     assert motion["x"][0] == pytest.approx([0, 0.5], abs=1e-12)
     assert motion.at(np.array([0.25, 0.5]))["x"][0] == pytest.approx([0.25, 0.5], abs=1e-12)
-    with pytest.raises(ValueError, match=r"the motion goes from 0 to 0\.5"):
+    with pytest.raises(ValueError, match=r"times must be from 0 to 0\.5"):
         motion.at(np.array([0.5 + 1e-6]))
 
 

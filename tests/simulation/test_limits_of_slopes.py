@@ -83,13 +83,13 @@ def test_slopes_without_a_limit_are_refused_as_such_and_the_motion_is_there(
     model = Model("corner", x=[Signal("w", w, value=0.0)], ode=ode)
     coarse = Tolerance(1e-7, 1e-8)
     assert np.isfinite(simulate(model, 0.1, route=route, tolerance=coarse).end).all()
-    with pytest.raises(SolveError, match="derivatives of the motion do not exist") as caught:
+    with pytest.raises(SolveError, match="the motion has no derivatives") as caught:
         simulate(model, 0.1, sensitivities=["w"], route=route, tolerance=coarse)
     assert caught.value.code == "steep_derivatives"
 
 
 def test_implicit_integrators_that_need_the_limit_say_that_derivatives_fail():
-    with pytest.raises(SolveError, match="derivatives of the motion do not exist") as caught:
+    with pytest.raises(SolveError, match="the motion has no derivatives") as caught:
         simulate(FALL, 1.0, sensitivities=["k"], route="cvodes")
     assert caught.value.code == "steep_derivatives"
 

@@ -171,7 +171,7 @@ def test_what_belongs_to_somebody_else_is_not_used(
     answer()
     folder, me = cache_folder(), os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: me + 1)
-    with pytest.raises(CompilerError, match="belongs to somebody else"):
+    with pytest.raises(CompilerError, match="belongs to another user"):
         answer()
     # an entry of somebody else's in a folder of one's own
     monkeypatch.setattr(build, "cache_folder", lambda: folder)
@@ -218,7 +218,7 @@ def hide_compilers(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("logged", "forgotten")
 def test_without_a_compiler_the_native_route_says_what_to_install(monkeypatch: pytest.MonkeyPatch):
     hide_compilers(monkeypatch)
-    with pytest.raises(CompilerError, match="no C compiler; install one"):
+    with pytest.raises(CompilerError, match="no C compiler was found; install one"):
         simulate(model(), 1.0, route="native")
     motion = simulate(model(), 1.0)
     assert motion.route == "python"

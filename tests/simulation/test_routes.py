@@ -294,7 +294,7 @@ def test_the_kept_motion_holds_the_samples(route: Route, contact: Treatment):
 @pytest.mark.parametrize(
     ("model", "options", "words"),
     [
-        (mag2(), {}, "no exact contact"),
+        (mag2(), {}, "do not support exact contact"),
         (bouncing_ball(), {}, "no switches"),
         (scalar("x"), {"dense": True}, "do not keep the motion"),
     ],

@@ -196,7 +196,7 @@ def test_the_sign_of_the_high_frequency_gain_decides(seed: int, size: int):
     for build in trackers(arm(np.inf, gain, size)):
         assert build().u == []
     for build in trackers(arm(np.inf, -gain, size)):
-        with pytest.raises(ArgumentError, match="turn the sign of the input"):
+        with pytest.raises(ArgumentError, match="reverse the sign of the input"):
             build()
     if size > 1:
         for build in trackers(arm(np.inf, gain @ np.diag([1.0, *[-1.0] * (size - 1)]), size)):
@@ -205,7 +205,7 @@ def test_the_sign_of_the_high_frequency_gain_decides(seed: int, size: int):
 
 
 def test_an_input_that_does_not_act_at_the_start_is_refused():
-    with pytest.raises(ArgumentError, match="does not accelerate every entry of angle"):
+    with pytest.raises(ArgumentError, match="does not accelerate all entries of angle"):
         trackers(arm(np.inf, [[1.0, 1.0], [1.0, 1.0]], 2))[0]()
 
 

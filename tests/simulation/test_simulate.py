@@ -256,7 +256,7 @@ def test_a_law_may_differ_by_direction_without_ever_holding(start: float):
 
 
 def test_instants_that_were_not_kept_are_refused():
-    with pytest.raises(ValueError, match="the motion goes from 0 to 1"):
+    with pytest.raises(ValueError, match="times must be from 0 to 1"):
         simulate(oscillator(), 1.0, dense=True).at(np.array([2.0]))
     with pytest.raises(ValueError, match="dense=True"):
         simulate(oscillator(), 1.0).at(np.array([0.5]))

@@ -204,7 +204,7 @@ def test_models_without_walls_are_refused():
     ]
     contacts = [replace(c, normal_force=None) for c in BLOCK.contacts]
     bare = replace(BLOCK, contacts=contacts, u=[*BLOCK.u, *pressed])
-    with pytest.raises(ArgumentError, match="no normal force"):
+    with pytest.raises(ArgumentError, match="write its normal_force"):
         smooth_walls(bare, 1.0, smoothing=1.0, relaxation=0.0)
     (floor, ceiling), pull = BLOCK.contacts, BLOCK.u[0].symbol
     assert floor.gap is not None

@@ -167,9 +167,9 @@ def _no_rest(dice: Dice) -> Judged:
     yield "room", refused(lambda: channel_rod(rod, 0.1 / more, 0.5), "diameter", "channel")
     yield "friction", refused(lambda: channel_rod(rod, 1.0, -more), "friction must be positive")
     loaded = Loaded(channel_rod(rod, 1.0, 0.5))
-    yield "start", refused(lambda: loaded.rest([0.0]), "start", "finite places")
+    yield "start", refused(lambda: loaded.rest([0.0]), "start", "finite entries")
     nowhere = np.full(3 * rod.count, math.nan)
-    yield "nowhere", refused(lambda: loaded.rest(nowhere), "finite places")
+    yield "nowhere", refused(lambda: loaded.rest(nowhere), "finite entries")
 
 
 RODS: tuple[Kind, ...] = (

@@ -133,7 +133,7 @@ def _no_row(dice: Dice) -> Judged:
     yield "block", refused(lambda: block_field(row, 1e-3, every, every), "does not fit", "pattern")
     yield (
         "strip",
-        refused(lambda: block_field(row, 5e-3 * more, 1, 3), "strip", "reaches the coils"),
+        refused(lambda: block_field(row, 5e-3 * more, 1, 3), "strip", "touches the coils"),
     )
 
     def target(least: float, square: float | None = None) -> TravellingTarget:

@@ -20,7 +20,7 @@ def test_packaged_scenes_surprise_nobody(name: str):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"gait.rest_length": 60}, 'gait.rest_length = 60 m is a surprise .*"60 mm"'),
+        ({"gait.rest_length": 60}, 'gait.rest_length = 60 m is unusual .*"60 mm"'),
         ({"worm.mass": [0.3, 1e6, 0.3]}, r"worm.mass\[1\] = 1e\+06 kg"),
         ({"gait.period": 1e-6}, "gait.period = 1e-06 s"),
         ({"worm.load": 3e5}, 'worm.load = 300000 N .*"300000 mN"'),

@@ -152,7 +152,7 @@ def test_scalars_and_variables_are_found_by_name():
 @pytest.mark.parametrize("content", [b"", b"no netcdf", b"CDF\x02" + bytes(40)])
 def test_a_damaged_file_is_refused(tmp_path: Path, content: bytes):
     (tmp_path / "result.nc").write_bytes(content)
-    with pytest.raises(ValueError, match="no result of wormopt"):
+    with pytest.raises(ValueError, match="not a result of wormopt"):
         Result.load(tmp_path)
 
 

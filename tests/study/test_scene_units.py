@@ -121,12 +121,12 @@ def test_forms_of_units(text: str, quantity: str, value: float):
 @pytest.mark.parametrize(
     ("text", "quantity", "said"),
     [
-        ("5 kg", "length", 'is not a length; write a length, "60 mm" or 0.06'),
+        ("5 kg", "length", 'is not a length; write a length, for example "60 mm" or 0.06'),
         ("5 mx", "length", '"mx"'),
         ("5 kmin", "time", '"kmin"'),
-        ("5 kg/m s", "density", "two ways"),
-        ("5 m/", "length", "nothing behind"),
-        ("5 m^99", "length", "no unit that can be read"),
+        ("5 kg/m s", "density", "ambiguous"),
+        ("5 m/", "length", "nothing after"),
+        ("5 m^99", "length", "a unit that cannot be read"),
         ("20 Hz", "angular_frequency", "not an angular frequency"),
         ("5 m", "count", "bare number"),
         ("1e999 m", "length", "too large"),

@@ -135,7 +135,7 @@ def test_a_motion_that_is_given_up_is_kept_as_far_as_it_came(tmp_path: Path, cap
     out = tmp_path / "out"
     change = ["--set", "tolerance.max_steps=60", "--set", 'want=["trackers", "motion"]']
     assert main(["run", str(path), "-o", str(out), *change]) == 3
-    assert "60 steps were spent" in capsys.readouterr().err
+    assert "the limit of 60 steps was reached" in capsys.readouterr().err
     loaded = Result.load(out)
     assert loaded.status == "failed"
     assert 1 < len(loaded["time"].values) < 2001

@@ -120,7 +120,7 @@ def test_a_stage_that_does_not_end_leaves_a_result(
         reason = f"interrupted during {stage.replace('_', ' ')}"
     else:
         assert code == 3
-        reason = "more memory" if how == "needs too much memory" else "it was made to fail"
+        reason = "out of memory" if how == "needs too much memory" else "it was made to fail"
     found = json.loads(out)
     assert found["status"] == "failed"
     assert reason in found["reason"]

@@ -342,7 +342,7 @@ def test_angles_within_a_turn_are_unwrapped_on_request():
     assert run.readings["phi"][0, there] == pytest.approx(0.4 * time[there] + 0.3, abs=1e-12)
     fit = wo.fit(wo.FitTask(model, [run], [wo.Unknown("rate", lower=0.0, upper=5.0)]), seeds=1)
     assert fit.values[0] == pytest.approx(0.4, rel=1e-9)
-    with pytest.raises(ArgumentError, match="unwrap names signals that were read, a list of phi"):
+    with pytest.raises(ArgumentError, match="unwrap must name recorded signals, a list of phi"):
         wo.Recording(time, {"phi": seen}, unwrap=["psi"])
 
 

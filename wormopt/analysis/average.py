@@ -212,7 +212,7 @@ def _harmonics_in(velocity: ca.Function, values: np.ndarray) -> int:
     if highest > _MOST or off > 1e-9 * np.abs(samples).max():
         raise ArgumentError(
             f"contact velocities must be a mean and at most {_MOST} harmonics of the period; "
-            "give the period of all of them, and smooth what jumps or bends"
+            "write their common period, and replace jumps and corners by smooth functions"
         )
     return highest
 
@@ -318,12 +318,12 @@ def _checked(model: Model) -> Model:
     if not isinstance(model, Model):
         raise ArgumentError(f"model must be a Model, not {type(model).__name__}")
     if model.switches or model.z:
-        raise ArgumentError(f"{model.name} has switches or algebraic variables: no average of it")
+        raise ArgumentError(f"{model.name} has switches or algebraic variables: cannot average")
     for contact in model.contacts:
         if isinstance(contact.law, PlanarLaw):
-            raise ArgumentError(f"{contact.name} moves in the plane: there is no average of it")
+            raise ArgumentError(f"{contact.name} moves in the plane and cannot be averaged")
         if set(contact.law.directions) != {1, -1}:
-            raise ArgumentError(f"{contact.name} cannot slide both ways: there is no average of it")
+            raise ArgumentError(f"{contact.name} must slide both ways to be averaged")
     return model
 
 
@@ -442,7 +442,7 @@ class _Course:
         contact, velocity = self.model.contacts[i], self._velocities[i]
         if self.scheduled.numel() and ca.depends_on(velocity, self.scheduled):
             raise ArgumentError(
-                f"the velocity of {contact.name} follows a schedule; only forces may"
+                f"the velocity of {contact.name} depends on a schedule; only forces may do so"
             )
         symbols, values = self._samples_of_waves
         wave = Wave.of(ca.Function("velocity", [symbols, self.theta], [velocity]), symbols, values)

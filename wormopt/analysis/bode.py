@@ -50,7 +50,7 @@ def bode(
     Parameters
     ----------
     linear : Linear
-        What to show.
+        The linear system.
     to : path or ndarray of Axes, shape (2, m), optional
         File to write, or where to draw: gains in the first row, phases in the second.
     omega : array_like, shape (k,), optional

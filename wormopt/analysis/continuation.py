@@ -48,7 +48,7 @@ class Branch:
     Parameters
     ----------
     model : Model
-        Whose they are.
+        Model of the steady states.
     name : str
         Name of the parameter.
     parameter : ndarray, shape (m,)
@@ -56,7 +56,7 @@ class Branch:
     x : ndarray, shape (m, n_x)
         States.
     eigenvalues : ndarray of complex, shape (m, n_x)
-        Of the Jacobian at each, that with the largest real part first.
+        Eigenvalues of the Jacobian at each state, largest real part first.
     folds : tuple of Fold
         Where it turns back.
     ends : (str, str)
@@ -117,7 +117,7 @@ class Branch:
         Parameters
         ----------
         index : int
-            Which, along the branch.
+            Index along the branch.
 
         Returns
         -------

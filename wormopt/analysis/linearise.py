@@ -167,7 +167,7 @@ class LinearModel:
     Parameters
     ----------
     name : str
-        What it is.
+        Name of the system.
     A, B, C, D : ndarray, shapes (n, n), (n, m), (p, n), (p, m)
         Matrices.
     states, inputs, outputs : tuple of str
@@ -240,8 +240,8 @@ class LinearModel:
         expected = self._zero_count
         if expected is not None and len(zeros[0]) + self.shifts != expected:
             raise ArgumentError(
-                f"{self.name}: its numbers spread over too many decades to distinguish its "
-                f"{expected} zeros from those at infinity"
+                f"{self.name}: the entries of its matrices differ too much in size to separate "
+                f"its {expected} zeros from those at infinity"
             )
         return zeros
 
@@ -379,7 +379,7 @@ class LinearModel:
         frequencies = np.asarray(omega, dtype=float).ravel()
         poles, uncertainty = self._poles
         if np.any(np.abs(1j * frequencies[:, None] - poles) <= uncertainty):
-            raise ArgumentError("a frequency is a pole of the system; leave it out, 0 for instance")
+            raise ArgumentError("a frequency, such as 0, is a pole of the system; leave it out")
         a, b, c, _ = self._quotient
         unit = np.eye(len(a))
         columns = [c @ np.linalg.solve(1j * w * unit - a, b) for w in frequencies]
@@ -434,7 +434,7 @@ def linearise(
     Parameters
     ----------
     model : Model
-        What moves.
+        The model.
     output : str or sequence of str
         Names of its outputs, which are y.
     x : mapping of str to array_like, optional

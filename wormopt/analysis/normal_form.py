@@ -50,7 +50,7 @@ def relative_degree(
     Parameters
     ----------
     model : Model
-        What moves.
+        The model.
     output : str or sequence of str
         Names of outputs.
     p : mapping of str to array_like, optional
@@ -143,7 +143,7 @@ class NormalForm:
     Parameters
     ----------
     model : Model
-        What moves. All expressions are of its symbols, contact forces among them.
+        The model. All expressions contain its symbols only, contact forces included.
     value, rate : casadi.SX, shape (m, 1)
         Outputs y and their first derivatives y'.
     drift : casadi.SX, shape (m, 1)
@@ -296,7 +296,7 @@ class NormalForm:
             count = 2 * m + eta.numel()
             raise ArgumentError(
                 f"{count} coordinates y, y', eta for {model.n_x} states; name "
-                f"{'more' if count < model.n_x else 'fewer'} by internal="
+                f"{'more' if count < model.n_x else 'fewer'} in internal="
             )
         if model.switches:
             raise ArgumentError(f"{model.name} has switches, at which its states may jump")
@@ -324,11 +324,11 @@ class NormalForm:
         matrix = ca.jacobian(known, x)
         if ca.depends_on(matrix, x):
             raise ArgumentError(
-                f"y, y' and eta of {self.model.name} are not affine in its states: there is no "
-                "closed form of the states by them"
+                f"y, y' and eta of {self.model.name} are not affine in its states, so the "
+                "states have no closed form in them"
             )
         if ca.sprank(matrix) < x.numel():
-            raise ArgumentError("y, y' and eta do not determine the states; name others, internal=")
+            raise ArgumentError("y, y' and eta do not determine the states; name other internal=")
         offset = ca.substitute(known, x, ca.SX.zeros(x.numel()))
         return ca.densify(ca.solve(matrix, coordinates - offset))
 
@@ -357,7 +357,7 @@ def normal_form(
     Parameters
     ----------
     model : Model
-        What moves, with as many inputs as outputs, affine in the inputs.
+        Model with as many inputs as outputs, affine in the inputs.
     output : str or sequence of str
         Names of the outputs y, or of states.
     internal : str or sequence of str, optional
@@ -400,7 +400,7 @@ def normal_form(
     y = ca.vertcat(empty, *(model[name] for name in names_in("output", output)))
     if y.numel() != u.numel() or not y.numel():
         raise ArgumentError(
-            f"{model.name}: {y.numel()} outputs for {u.numel()} inputs; name as many as there are"
+            f"{model.name}: {y.numel()} outputs for {u.numel()} inputs; name equal numbers"
         )
     rate = lie(model, y)
     for what, column in (("y", y), ("y'", rate)):
@@ -412,7 +412,7 @@ def normal_form(
     reached = ca.DM((~identically_zero(gain, _symbols(model))).astype(float))
     if ca.sprank(ca.sparsify(reached)) < y.numel():
         raise ArgumentError(
-            f"{model.name}: inputs do not reach all y'' apart; the relative degree is not two"
+            f"{model.name}: inputs do not act on all y'' independently: relative degree not two"
         )
     shown = _internal(model, internal)
     inner = ca.vertcat(empty, *(e.expression for e in shown))
@@ -435,7 +435,7 @@ def _free(model: Model, column: ca.SX, acting: ca.SX, what: str) -> None:
     if factors.nnz() == 0:
         return
     if not np.all(identically_zero(factors, _symbols(model))):
-        raise ArgumentError(f"{model.name}: inputs or contact forces act on {what} at once")
+        raise ArgumentError(f"{model.name}: inputs or contact forces act directly on {what}")
 
 
 def _symbols(model: Model) -> ca.SX:

@@ -100,9 +100,9 @@ class Loaded:
         """
         begin, given = (np.asarray(part, dtype=float).ravel() for part in (start, numbers))
         if begin.shape != (self.n_q,) or not np.all(np.isfinite(begin)):
-            raise ArgumentError(f"{self.model.name}: a start has {self.n_q} finite places")
+            raise ArgumentError(f"{self.model.name}: start must have {self.n_q} finite entries")
         if given.shape != (self._n_given,) or not np.all(np.isfinite(given)):
-            raise ArgumentError(f"the loads take {self._n_given} finite numbers, not {numbers!r}")
+            raise ArgumentError(f"loads must be {self._n_given} finite numbers, not {numbers!r}")
         n_c = len(self.model.contacts)
         free = np.full(self.n_q, np.inf)
         bounds = Bounds(-free, free, np.zeros(n_c), np.full(n_c, np.inf), given)
@@ -115,8 +115,8 @@ class Loaded:
                 raise
             # the interior point's status does not matter if Newton's method converges
             raise SolveError(
-                f"{self.model.name}: no place of rest was found ({found.status})",
-                "start nearer to it, or take smaller loads", code="no_rest",
+                f"{self.model.name}: no state of rest was found ({found.status})",
+                "use a start closer to it, or smaller loads", code="no_rest",
             ) from None  # fmt: skip
         return self._rest(w, force, given, found.iterations)
 
@@ -138,8 +138,8 @@ class Loaded:
                 pulls = force == force[pulls].min()
             touched = (touched & ~pulls) | entered
         raise SolveError(
-            f"{self.model.name}: which walls are touched is not settled",
-            "take a finer mesh, or another start", code="not_balanced",
+            f"{self.model.name}: the search for the touched walls did not end",
+            "use a finer mesh, or another start", code="not_balanced",
         )  # fmt: skip
 
     def _newton(
@@ -163,7 +163,7 @@ class Loaded:
             last = size
         raise SolveError(
             f"{self.model.name}: forces do not balance where the energy is least",
-            "take a finer mesh, or smaller loads", code="not_balanced",
+            "use a finer mesh, or smaller loads", code="not_balanced",
         )  # fmt: skip
 
     def _rest(self, w: np.ndarray, force: np.ndarray, given: np.ndarray, iterations: int) -> Rest:

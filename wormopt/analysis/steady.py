@@ -40,13 +40,13 @@ class SteadyState:
     Parameters
     ----------
     model : Model
-        What rests in it.
+        Model of the steady state.
     x : ndarray, shape (n_x,)
         State.
     residual : float
         Largest rate left, over the usual size of its state.
     eigenvalues : ndarray of complex, shape (n_x,)
-        Of the Jacobian of the rates there, that with the largest real part first.
+        Eigenvalues of the Jacobian of the rates, largest real part first.
     p : ndarray
         Parameters and inputs it was found for.
 
@@ -123,7 +123,7 @@ class Rates:
         sizes = [signal.size for signal in self._fixed]
         which = names.index(name)
         if sizes[which] != 1:
-            raise ArgumentError(f"{name} has {sizes[which]} entries; take a parameter that has one")
+            raise ArgumentError(f"{name} has {sizes[which]} entries; name a parameter with one")
         return sum(sizes[:which])
 
     def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -234,13 +234,13 @@ def _box(
     check_names(within, [s.name for s in model.x], "state")
     missing = [s.name for s in model.x if s.name not in within]
     if missing:
-        raise ArgumentError(f"give the range of {', '.join(missing)} as (least, largest)")
+        raise ArgumentError(f"write the range of {', '.join(missing)} as (smallest, largest)")
     sides = []
     for side in (0, 1):
         given = {name: bounds[side] for name, bounds in within.items()}
         sides.append(signal_values(model.x, given, "range of"))
     if not np.all(np.isfinite(sides)) or not np.all(sides[0] < sides[1]):
-        raise ArgumentError("every range must be finite, the least value first")
+        raise ArgumentError("every range must be finite, with the smaller number first")
     return sides[0], sides[1]
 
 
@@ -251,8 +251,8 @@ def _check_alone(rates: Rates, x: np.ndarray, p: np.ndarray) -> None:
     cyclic = sorted({name for name, slope in zip(names, slopes, strict=True) if slope == 0})
     if cyclic:
         raise ArgumentError(
-            f"{', '.join(cyclic)} changes no rate of {rates.model.name}: no steady state is "
-            "isolated; leave it out of the model"
+            f"{', '.join(cyclic)} has no effect on rates of {rates.model.name}, so no steady "
+            "state is isolated; leave it out of the model"
         )
 
 
@@ -280,7 +280,7 @@ class SteadySensitivity:
     Parameters
     ----------
     state : SteadyState
-        Whose they are.
+        The steady state.
     directions : tuple of str
         Labels of the k columns.
     x : ndarray, shape (n_x, k)
@@ -401,7 +401,7 @@ def steady_sensitivity(
         raise SolveError(
             f"the steady state of {model.name} has no derivative: its Jacobian is singular, as at "
             "a fold or where branches cross",
-            "move a parameter away from there",
+            "change a parameter",
             code="singular",
         )
     moved = -np.linalg.solve(by_x, by_p @ columns)
@@ -423,8 +423,8 @@ def _columns(
         return (), np.zeros((pack(signals).numel(), 0))
     if np.any(along.x0):
         raise ArgumentError(
-            f"a steady state of {model.name} does not depend on where states start; take "
-            "directions of parameters and inputs"
+            f"a steady state of {model.name} does not depend on initial states; name "
+            "parameters and inputs"
         )
     return along.labels, along.p[: pack(signals).numel()]
 

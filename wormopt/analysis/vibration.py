@@ -101,9 +101,9 @@ def vibration_modes(
     p : mapping of str to array_like, optional
         Parameters by name, where they are not the model's own.
     count : int, optional
-        How many; fewer if there are fewer.
+        Number of modes; fewer if the model has fewer.
     rigid : int, optional
-        How many motions nothing resists, where that is known: of a free rod in the plane 3. Then
+        Number of rigid-body motions, if known: 3 for a free rod in the plane. Then
         vibrations that rounding hides among them are refused.
 
     Returns
@@ -157,12 +157,12 @@ def vibration_modes(
 def _check_found(found: _Pairs, rigid: int | None, name: str) -> None:
     """Refuse unstable states, and vibrations hidden by rounding."""
     if found.squares[0] < -found.smallest:
-        raise ArgumentError(f"{name} is not stable at this state: it would buckle")
+        raise ArgumentError(f"{name} is unstable at this state: it buckles")
     if rigid is not None and np.sum(found.squares <= found.smallest) > rigid:
         raise SolveError(
             f"{name}: rounding hides the slowest vibrations, those below {found.rounding:.3g}, "
-            f"among the {rigid} motions that nothing resists",
-            "take a less slender body, or fewer elements",
+            f"among the {rigid} rigid-body motions",
+            "use a less slender body, or fewer elements",
             code="hidden",
         )
 
@@ -175,11 +175,11 @@ def _free(places: Sequence[Signal], held: Mapping[str, Sequence[int]]) -> np.nda
     for name, entries in held.items():
         size = len(columns[name])
         if not all(-size <= entry < size for entry in entries):
-            raise ArgumentError(f"{name} has {size} entries; {list(entries)} are not among them")
+            raise ArgumentError(f"{name} has {size} entries; there are no {list(entries)}")
         fixed.extend(columns[name][list(entries)].tolist())
     free = np.setdiff1d(np.concatenate(list(columns.values())), fixed)
     if not len(free):
-        raise ArgumentError("all places are held: nothing vibrates")
+        raise ArgumentError("all coordinates are held; leave at least one free")
     return free
 
 
@@ -217,7 +217,7 @@ def _all(K: csc_array, M: csc_array, name: str) -> _Pairs:
     try:
         squares, vectors = scipy.linalg.eigh(K.toarray(), M.toarray())
     except np.linalg.LinAlgError:
-        raise ArgumentError(f"{name}: some places have no mass of their own") from None
+        raise ArgumentError(f"{name}: some coordinates have no mass") from None
     return _Pairs(squares, vectors, _rounded(np.abs(squares).max()))
 
 

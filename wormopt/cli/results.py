@@ -163,7 +163,7 @@ def _millimetres(text: str) -> float:
     found = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*(mm|cm|in|)\s*", text)
     if not found or not 30 <= (size := float(found[1]) * _INTO_MM[found[2]]) <= 2000:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not a size from 30mm to 2000mm; write 85mm, say"
+            f"{text!r} is not a size from 30mm to 2000mm; write for example 85mm"
         )
     return size
 

@@ -292,7 +292,7 @@ def _over(name: str, texts: list[str]) -> dict[str, Any] | None:
     for text in texts:
         key, equals, values = text.partition("=")
         if not equals or not key.strip():
-            what = f"{text!r} is not of the form key=values; write worm.load=1:10:10, say"
+            what = f"{text!r} is not of the form key=values; write for example worm.load=1:10:10"
             raise SceneError(name, [("--over", what)])
         if key.strip() in found:
             raise SceneError(name, [("--over", f"{key.strip()} is given twice; give it once")])

@@ -33,9 +33,9 @@ class Estimation:
     window : int
         Arcs that it reaches back.
     noise : float
-        What a measured state may miss, in nominal sizes.
+        Standard deviation of a measured state, in nominal sizes.
     spread : float
-        What a parameter may be off beforehand, as a share of it.
+        Standard deviation of a parameter's prior, as a share of the parameter.
     memory : float
         Arcs after which what slid out of the window counts 1/e.
     steps : int
@@ -62,7 +62,7 @@ class Estimation:
     def __post_init__(self) -> None:
         sizes = (self.window, self.noise, self.spread, self.memory, self.steps)
         if not (self.names and min(sizes) > 0):
-            raise ArgumentError("estimation needs names, and numbers above 0")
+            raise ArgumentError("estimation needs names of parameters, and options above 0")
 
 
 class Estimator:
@@ -79,7 +79,7 @@ class Estimator:
         self._measured = np.zeros((0, stages.n_x))
         self._seen = 0
         if not np.all(given.p[self.chosen] > 0):
-            raise ArgumentError("estimated parameters are believed to be above 0 beforehand")
+            raise ArgumentError("initial values of estimated parameters must be above 0")
 
     @property
     def p(self) -> np.ndarray:

@@ -209,7 +209,7 @@ class Task:
     force : ndarray, shape (n + 1,)
         Mean of the outside forces.
     range : ndarray, shape (n + 1,)
-        How far they may depart from it, inf where nothing is known.
+        Largest deviations from it, inf where they are unknown.
     """
 
     plant: Plant

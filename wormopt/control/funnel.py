@@ -122,11 +122,11 @@ def funnel_tracker(
     plant : Model
         With an input and an output of relative degree two, of as many entries.
     reference : Reference
-        What the output shall follow.
+        Reference of the output.
     funnel, rate_funnel : Funnel
         Bounds psi_0 on |e| and psi_1 on |e_1|.
     law : {"recursive", "two gains"}, optional
-        Which of both controllers.
+        Kind of controller.
     gain : float, optional
         Force per speed e_1 in the middle of the funnels, positive.
     actuator : {"force", "rest_length"}, optional
@@ -234,8 +234,8 @@ def _check_room(funnel: Funnel, rate_funnel: Funnel) -> None:
         width = rate_end + (rate_start - rate_end) * math.exp(-t / rate_time)
         if not width > rate:
             raise ArgumentError(
-                f"at t = {t:.3g} the funnel narrows at {rate:.6g}, and the rate funnel lets the "
-                f"error fall at less than {width:.6g}"
+                f"at t = {t:.3g} the funnel narrows at the rate {rate:.6g}, but the rate funnel "
+                f"allows less than {width:.6g}; write a larger rate_funnel"
             )
 
 

@@ -87,7 +87,7 @@ def through_hardware(
     if course is not None:
         measured += ca.vertcat(course.value, course.rate)
     if late and memories:
-        raise ArgumentError(f"{loop.name} has delays already; leave the delay of sensors out")
+        raise ArgumentError(f"{loop.name} already has delays; leave out the delay of sensors")
     slopes = _slopes(plant, own)
     _check_seen(loop, acts, x, slopes, output)
     states_of = ca.DM(np.linalg.pinv(slopes))  # of least norm with these y and y'
@@ -152,8 +152,7 @@ def _check(
         check_number("period", period, above=0.0)
     elif rate != math.inf or output_step or input_step:
         raise ArgumentError(
-            "rate, output_step and input_step belong to a controller that decides at samples; "
-            "write period= too"
+            "rate, output_step and input_step need a sampled controller; write period= too"
         )
 
 
@@ -217,7 +216,7 @@ def _noise(plant: Model, noise: Gait | None, entries: int) -> Reference | None:
     if noise is None:
         return None
     if noise.links != entries:
-        raise ArgumentError(f"noise has {noise.links} rows, the output {entries} entries")
+        raise ArgumentError(f"noise has {noise.links} rows; write {entries}, one per output")
     return gait_reference(noise, plant.t, periodic=False, name=NOISE)
 
 
@@ -229,7 +228,7 @@ def _slopes(plant: Model, own: ca.SX) -> np.ndarray:
     if ca.symvar(slopes) or not offset.is_zero():
         raise ArgumentError(
             f"the output of {plant.name} and its rate are not linear in its states with constant "
-            "coefficients, as sensors and a clock need; choose such an output"
+            "coefficients, which sensors and sampling need; choose another output"
         )
     return ca.evalf(slopes).full()
 
@@ -249,7 +248,7 @@ def _check_seen(loop: Model, acts: ca.SX, x: ca.SX, slopes: np.ndarray, output: 
         if np.any(off > 1e-9 * (1 + np.nanmax(size, initial=0.0))):
             raise ArgumentError(
                 f"the controller of {loop.name} uses more of the plant than {output} and its rate, "
-                "which is all that sensors show it"
+                "but sensors measure only these"
             )
 
 

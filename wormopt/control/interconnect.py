@@ -75,7 +75,7 @@ def controller_of(
     own = own_states(loop, plant)
     if loop.switches:
         names = [s.name for s in loop.switches]
-        raise ArgumentError(f"{loop.name} has switches {names}, at which states may jump")
+        raise ArgumentError(f"{loop.name} has switches {names}, which are not supported here")
     units = {o.name: o.unit for o in (*plant.outputs, *loop.outputs)}
     seen = [
         Signal(name, ca.SX.sym(name, plant[name].numel()), units.get(name, "1"))
@@ -120,7 +120,7 @@ def interconnect(
     Parameters
     ----------
     loop, plant : Model
-        The closed loop, and the very plant around which it was closed.
+        The closed loop, and the plant from which it was made.
     measured : sequence of str, optional
         Outputs of the plant, affine in its states, that the controller sees.
     input : str, optional
@@ -128,7 +128,7 @@ def interconnect(
     v_reg : float, optional
         Width of the smooth friction law, positive.
     p : mapping of str to array_like, optional
-        Parameters by name, where they are not the loop's own.
+        Parameters by name; the loop's own if left out.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def interconnect(
 
     Examples
     --------
-    The closed loop of a worm and a tracker, as python-control takes it; it loads for two seconds:
+    The closed loop of a worm and a tracker, for python-control, whose import takes two seconds:
 
     >>> import wormopt as wo
     >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)
@@ -184,8 +184,8 @@ def own_states(loop: Model, plant: Model) -> Sequence[Signal]:
     )
     if not alike:
         raise ArgumentError(
-            f"{loop.name} is no loop around this {plant.name}; pass the plant from which it was "
-            "made"
+            f"{loop.name} is not a loop around this {plant.name}; pass the plant that it was "
+            "made from"
         )
     return loop.x[len(plant.x) :]
 
@@ -195,7 +195,7 @@ def _by_measured(plant: Model, outputs: ca.SX, seen: ca.SX) -> ca.SX:
     x = pack(plant.x)
     matrix = ca.jacobian(outputs, x)
     if ca.symvar(matrix):
-        raise ArgumentError(f"what is measured of {plant.name} is not affine in its states")
+        raise ArgumentError(f"measured outputs of {plant.name} are not affine in its states")
     numbers = ca.DM(ca.evalf(matrix)).full()
     found: Any = scipy.linalg.qr(numbers, mode="r", pivoting=True)
     order = found[1]
@@ -228,5 +228,5 @@ def _check_seen(
         if not np.all(np.abs(first - second) <= 1e-9 * size):
             names = ", ".join(s.name for s in signals)
             raise ArgumentError(
-                f"the controller sees more of {plant.name} than {names}; name all by measured="
+                f"the controller uses more of {plant.name} than {names}; name all in measured="
             )

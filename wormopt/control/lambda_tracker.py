@@ -341,13 +341,13 @@ def lambda_tracker(
     plant : Model
         With an input and an output of relative degree two, of as many entries.
     reference : Reference
-        What the output shall follow.
+        Reference of the output.
     tube_radius : float
         Radius lambda of the tube, positive.
     feedback : {"derivative", "filter", "difference", "backstepping"}, optional
-        Which of these trackers.
+        Kind of tracker.
     adaptation : Adaptation, optional
-        How the gain grows; by default `Quadratic`.
+        Adaptation law of the gain; `Quadratic` by default.
     gain_start : float, optional
         Gain k at the start.
     filter_start : array_like, shape (n,), optional

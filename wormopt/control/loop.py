@@ -69,7 +69,7 @@ def gait_reference(
     time : casadi.SX
         The model's symbol of time.
     shift : float, optional
-        How far the gait is ahead.
+        Time shift of the gait, positive if it is ahead.
     periodic : bool, optional
         Whether the gait repeats. Otherwise it runs once; its first value is held before, its last
         value after.
@@ -177,7 +177,7 @@ class FeedForward:
         Parameters
         ----------
         reference : Reference
-            What the links shall do.
+            Reference of the link lengths.
 
         Returns
         -------
@@ -230,7 +230,7 @@ class TrackingError:
         rate = lie(plant, y)
         acting = ca.vertcat(pack(plant.u), plant.forces)
         if ca.depends_on(ca.vertcat(y, rate), acting):
-            raise ArgumentError(f"forces act on the rates of {plant.name} at once, not by inertia")
+            raise ArgumentError(f"forces change rates of {plant.name} directly, not accelerations")
         unit = next(part.unit for part in (*plant.x, *plant.outputs) if part.name == output)
         return cls(y - reference.value, rate - reference.rate, unit)
 
@@ -276,8 +276,8 @@ def _tracked(plant: Model, output: str) -> ca.SX:
     names = [part.name for part in (*plant.x, *plant.outputs)]
     if output not in names:
         raise ArgumentError(
-            f"{plant.name} has no output {output!r} to follow the reference; name one by "
-            f"output=: {', '.join(map(repr, names))}"
+            f"{plant.name} has no output {output!r} that could follow the reference; write output= "
+            f"one of {', '.join(map(repr, names))}"
         )
     return plant[output]
 
@@ -295,8 +295,8 @@ def followed_by(plant: Model, reference: Reference, output: str) -> ca.SX:
     y, count = _tracked(plant, output), reference.value.numel()
     if y.shape != reference.value.shape:
         raise ArgumentError(
-            f"the reference has {count} entr{'y' if count == 1 else 'ies'}, {output} of "
-            f"{plant.name} {y.numel()}; write a reference with one for each entry of the output"
+            f"the reference has {count} entr{'y' if count == 1 else 'ies'}, but {output} of "
+            f"{plant.name} has {y.numel()}; write a reference with {y.numel()}"
         )
     return y
 
@@ -321,7 +321,7 @@ def input_of(plant: Model, size: int, name: str = "input") -> Signal:
             return signal
     known = ", ".join(f"{s.name!r} of {s.size}" for s in plant.u) or "none"
     raise ArgumentError(
-        f"{plant.name} has no input {name!r} of {size} scalars; name one by input=: {known}"
+        f"{plant.name} has no input {name!r} of {size} scalars; write input= one of {known}"
     )
 
 
@@ -354,7 +354,7 @@ def _moved(plant: Model, command: ca.SX) -> ca.SX:
         stiffness = ca.SX(0, 1)
     if stiffness.shape != command.shape:
         raise ArgumentError(
-            f"actuators that move rest lengths need a stiffness of {command.numel()} entries, "
+            f"actuators that move rest lengths need a stiffness of {command.numel()} entries, but "
             f"{plant.name} has {stiffness.numel()}; write actuator='force'"
         )
     return stiffness * command
@@ -508,13 +508,13 @@ def check_sign(plant: Model, output: str, input: str) -> None:  # noqa: A002
     if parts.max() < -least:
         raise ArgumentError(
             f"{what} accelerates {output} the wrong way: the high-frequency gain d(y'')/du has the "
-            f"eigenvalues {listed} at the start, and a tracker needs positive ones; turn the sign "
-            "of the input"
+            f"eigenvalues {listed} at the start, but a tracker needs positive ones; reverse the "
+            "sign of the input"
         )
     raise ArgumentError(
-        f"{what} does not accelerate every entry of {output} its own way: the high-frequency gain "
-        f"d(y'')/du has the eigenvalues {listed} (real parts) at the start, and a tracker needs "
-        "positive ones; choose other outputs or another order and sign of the inputs"
+        f"{what} does not accelerate all entries of {output} independently: the high-frequency "
+        f"gain d(y'')/du has the eigenvalues {listed} (real parts) at the start, but a tracker "
+        "needs positive ones; choose other outputs or another order and sign of the inputs"
     )
 
 
@@ -547,13 +547,13 @@ def as_tracked(plant: Model, output: str = "length", input: str = "input") -> Mo
     if ca.depends_on(ca.vertcat(y, rate), acting):
         raise ArgumentError(
             f"{output} of {plant.name} has a relative degree below two: its rate depends on "
-            f"{input} or forces at once, not by inertia; write output= one that {input} "
-            "accelerates, a position say"
+            f"{input} or on forces; write output= a signal that {input} accelerates, for example "
+            "a position"
         )
     if not ca.depends_on(lie(plant, rate), signal.symbol):
         raise ArgumentError(
             f"{output} of {plant.name} has no relative degree of two: {input} does not act on its "
-            f"acceleration; write output= one that {input} accelerates, or another input="
+            f"acceleration; write output= a signal that {input} accelerates, or another input="
         )
     check_sign(plant, output, input)
     units = {part.name: part.unit for part in (*plant.x, *plant.outputs)}

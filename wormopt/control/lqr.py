@@ -54,7 +54,7 @@ def lqr(
         With an input and an output of relative degree two, of as many entries, linear in states
         and input but for its contacts.
     reference : Reference
-        What the output shall follow; ``gait_reference(..., periodic=False)`` for one that ends.
+        Reference of the output; ``gait_reference(..., periodic=False)`` for one that ends.
     error_weight, rate_weight, input_weight : array_like, shape (), (n,) or (n, n)
         Q_0 and Q_1, positive semidefinite, and R, positive definite. A number, or one per
         link, is for the diagonal. Only their ratios matter.
@@ -149,11 +149,11 @@ class _Links:
         both = ca.vertcat(y, rate)
         if not ca.is_linear(ca.vertcat(both, acceleration), ca.vertcat(x, u)):
             raise ArgumentError(
-                f"{plant.name} is not linear in its states and input, as lqr needs; write a "
-                "tracker, which needs no model, or feedback of your own"
+                f"{plant.name} is not linear in its states and input, which lqr requires; use "
+                "a tracker, which needs no model, or your own feedback"
             )
         if ca.depends_on(acceleration, pack(plant.z)):
-            raise ArgumentError(f"{plant.name} has algebraic variables, which lqr does not take")
+            raise ArgumentError(f"{plant.name} has algebraic variables, which lqr does not support")
         scheduled, values = at_zero(plant.schedules)
         at = [plant.t, x, pack(plant.u), pack(plant.p), plant.forces, scheduled]
         wanted = [both, ca.jacobian(both, x), acceleration]
@@ -163,7 +163,7 @@ class _Links:
         found = ca.Function("links", at, wanted)(0, 0, rest, believed, 0, values)
         y0, C, a0, a, gain = (part.full() for part in found)
         if not np.linalg.cond(gain) < 1 / (n * np.finfo(float).eps):  # also infinite
-            raise ArgumentError(f"the inputs of {plant.name} do not accelerate all links at once")
+            raise ArgumentError(f"inputs of {plant.name} do not accelerate links independently")
         # States of least norm with these y and y'.
         slopes, inertia = a @ np.linalg.pinv(C), np.linalg.inv(gain)
         stiffness, damping = np.hsplit(-inertia @ slopes, 2)
@@ -223,7 +223,7 @@ def _riccati(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.n
     # A mode without cost may pass the solver unchanged.
     if not stable:
         raise ArgumentError(
-            "no optimal feedback is stable; give error_weight to links without stiffness or damping"
+            "no optimal feedback is stable; give links without stiffness or damping an error_weight"
         )
     return K
 

@@ -107,7 +107,7 @@ class MpcOptions:
 
     def __post_init__(self) -> None:
         if self.horizon < 1 or self.steps < 1 or not self.tolerance > 0:
-            raise ArgumentError("a horizon has at least one arc, a decision at least one step")
+            raise ArgumentError("horizon and steps must be at least 1, and tolerance above 0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +179,8 @@ def plan_mpc(
     Parameters
     ----------
     problem : Problem
-        Of given duration, its objective a weighted sum of integrals, limits of inputs its only
-        limits along the way.
+        Problem of given duration, whose objective is a weighted sum of integrals, with limits
+        of inputs only.
     mesh : Mesh
         With shares (``Mesh.even``), inputs constant on each arc: an arc is a decision.
     contact : Regularised
@@ -250,7 +250,7 @@ def plan_mpc(
             last = f"was {step.size:.2g} in nominal sizes" if step.solved else "is not solved"
             raise SolveError(
                 f"no plan is found at v_reg = {level:.3g}: the last of {count} steps {last}",
-                "take a larger v_reg, or shorter arcs",
+                "use a larger v_reg, or shorter arcs",
                 code="not_solved",
             )
     return MpcPlan(stages, given, bounds, course, step.cost, count, step.violation)
@@ -349,7 +349,7 @@ class PredictiveController:
     def decide(self, k: int, state: np.ndarray) -> Decision:
         """Decide at node k in `state` (n_x,); ArgumentError if that is no state."""
         if np.shape(state) != (self.plan.stages.n_x,) or not np.all(np.isfinite(state)):
-            raise ArgumentError(f"a state has {self.plan.stages.n_x} finite numbers, not {state}")
+            raise ArgumentError(f"state must be {self.plan.stages.n_x} finite numbers, not {state}")
         begin = clock()
         stages, plan = self.plan.stages, self.plan
         n = len(plan.course.rows)
@@ -437,19 +437,19 @@ def run_mpc(
     Parameters
     ----------
     worm : Model
-        Whose inputs, in order, are those of the plan's model.
+        Worm whose inputs, in order, are those of the plan's model.
     plan : MpcPlan
-        Of :func:`plan_mpc`.
+        Plan from :func:`plan_mpc`.
     decisions : MpcOptions
-        How decisions are made.
+        Options of the decisions.
     estimation : Estimation, optional
-        What is learnt on the way; nothing if left out.
+        Parameter estimation during the motion; none if left out.
     p : mapping of str to array_like, optional
         Parameters of the worm where they are not its own.
     contact : Treatment
-        How the worm's contact is simulated, exactly or smoothly.
+        Treatment of the worm's contact in the simulation, exact or smooth.
     tolerance : Tolerance
-        Of the simulation.
+        Tolerance of the simulation.
     report : callable
         Gets the progress.
 

@@ -57,7 +57,7 @@ def switching_tracker(
     plant : Model
         With an input and an output of relative degree two, of as many entries.
     reference : Reference
-        What the output shall follow.
+        Reference of the output.
     tube_radius : float
         Radius lambda of the tube, positive.
     settling : float
@@ -117,7 +117,7 @@ def switching_tracker(
     check_sign(plant, output, input)
     start = error.at_start(plant, reference)
     if start is None:
-        raise ArgumentError(f"{plant.name} must say where it starts: the first bound follows it")
+        raise ArgumentError(f"{plant.name} needs initial values, which determine the first bound")
     k, lam, more = ca.SX.sym("gain"), ca.SX.sym("tube_radius"), ca.SX.sym("gain_factor")
     theta = ca.SX.sym("filter", error.value.numel())
     rate = k**2 * (error.value - theta)

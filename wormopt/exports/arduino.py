@@ -26,12 +26,12 @@ def make(exported: ExportedGait, stem: str) -> dict[str, bytes]:
     cycle = round(gait.period / _MICROSECOND)
     if not 1 <= cycle < _LONGEST:
         raise ArgumentError(
-            f"the clock of a sketch counts microseconds in 32 bits; a cycle may last from "
-            f"{_MICROSECOND:g} to {_LONGEST * _MICROSECOND:.0f} s, not {gait.period:g} s"
+            f"a cycle lasts {gait.period:g} s, but the clock of a sketch counts microseconds in 32 "
+            f"bits; use {_MICROSECOND:g} to {_LONGEST * _MICROSECOND:.0f} s"
         )
     largest = max(float(np.abs(array).max()) for array in gait.arrays().values())
     if largest > float(np.finfo(np.float32).max):
-        raise ArgumentError(f"{largest:g} is too large for numbers of 32 bits; choose larger units")
+        raise ArgumentError(f"{largest:g} is too large for 32-bit numbers; choose larger units")
     files = library(exported, name, SINGLE)
     files[f"{name}.ino"] = _sketch(exported, name, cycle).encode()
     return {f"{name}/{file}": content for file, content in files.items()}
@@ -45,7 +45,7 @@ def _sketch(exported: ExportedGait, name: str, cycle: int) -> str:
     )
     size = 4 * sum(array.size for array in gait.arrays().values())
     room = "" if size < _FLASH else ", more than an Uno has"
-    note = "The scene has no units: its unit of time is taken for 1 s."
+    note = "The scene has no units: its unit of time is taken as 1 s."
     head = comment(
         [
             "Plays a gait on servos, one for each link, again and again.",

@@ -45,7 +45,7 @@ def remarks(result: Result) -> list[str]:
     titled = f": {result.title}" if result.title and result.title != result.scene else ""
     lines = [f"{result.scene}{titled} (kind {result.kind or 'unknown'})", _MADE_BY]
     if result.status == "failed":
-        lines.append(f"NOT TO BE TRUSTED, the result failed: {result.reason}")
+        lines.append(f"DO NOT USE, the result failed: {result.reason}")
     if result.status == "unchecked":
         lines.append(f"UNCHECKED: {result.reason}")
     return [one_line(line) for line in lines]
@@ -84,7 +84,7 @@ class ExportedGait:
             held = "gait, gait-design, gait-pareto, stepper, track, track-optimal or pair-waveform"
             raise ArgumentError(
                 f"{result.scene}: a result of kind {result.kind} holds no gait, which C, Arduino "
-                f"and ROS need; take one of kind {held}, or export to csv or mat"
+                f"and ROS need; use kind {held}, or export to csv or mat"
             )
         rounded: dict[str, Any] = {}
         if "length_step" in result.scalars:
@@ -174,9 +174,9 @@ def multiples(step: float, first: float, last: float) -> list[Decimal]:
     slack = 1e-12 * max(abs(first), abs(last))
     low, high = math.ceil((first - slack) / step), math.floor((last + slack) / step)
     if high - low >= _MOST:
-        raise ArgumentError(f"a step of {step:g} gives more than {_MOST} instants; take a larger")
+        raise ArgumentError(f"a step of {step:g} gives more than {_MOST} points; write more")
     if high < low:
-        raise ArgumentError(f"no multiple of {step:g} lies between {first:g} and {last:g}")
+        raise ArgumentError(f"no multiple of {step:g} is between {first:g} and {last:g}")
     exact = Decimal(repr(float(step)))
     return [k * exact for k in range(low, high + 1)]
 

@@ -77,7 +77,7 @@ def tables(
     if not by_dimension:
         raise ArgumentError(f"{result.scene}: the result holds no signals; export it to mat")
     if step is not None and axis is None:
-        raise ArgumentError(f"{result.scene}: the result has no time; leave the step out")
+        raise ArgumentError(f"{result.scene}: the result has no time; leave out the step")
     made: dict[str, list[Column]] = {}
     notes: dict[str, list[str]] = {}
     for over, variables in by_dimension.items():
@@ -188,9 +188,9 @@ def _over_time(
     if step is None:
         return back, columns
     every = f"{step!r} {result[axis].unit}".removesuffix(" 1")
-    remark = f"every {every}, between samples linearly, whole numbers as they were before"
+    remark = f"every {every}; interpolated linearly, whole numbers keep the last value"
     if exact:
-        remark += f"; by the gait's own formulas: {', '.join(exact)}"
+        remark += f"; from the gait's formulas: {', '.join(exact)}"
         back = [*ExportedGait.of(result).rounding, *back]
     return [remark, *back], columns
 

@@ -122,14 +122,14 @@ def export(
     folder, stem = target(path, name, [SUFFIXES[each] for each in wanted])
     at = _number(step, what) if isinstance(step, str) else step
     if whole_steps and at is None:
-        raise ArgumentError("whole_steps needs a step; write step=0.01 (--step 0.01), say")
+        raise ArgumentError("whole_steps needs a step; write for example step=0.01 (--step 0.01)")
     given = {"columns": columns, "cycles": cycles != 1, "rest": rest, "whole_steps": whole_steps}
     given["step"] = at is not None and not whole_steps
     for option in (name for name, is_given in given.items() if is_given):
         if not {*_CHANGED_BY[option]} & {*wanted}:
             changed = ", ".join(_CHANGED_BY[option])
             raise ArgumentError(
-                f"{option} changes nothing in {', '.join(wanted)}, only in {changed}; leave it out"
+                f"{option} has no effect on {', '.join(wanted)}, only on {changed}; leave it out"
             )
     asked = _Asked(at, cycles, tuple(columns), whole_steps, rest)
     files: dict[str, bytes] = {}
@@ -159,7 +159,7 @@ def _number(step: str, what: object) -> float:
     try:
         return to_number(step, "time", units) if has_unit(step) else float(step)
     except ValueError as error:
-        why = error if has_unit(step) else "is no time; write 0.01, say"
+        why = error if has_unit(step) else "is not a time; write for example 0.01"
         raise ArgumentError(f"step: {step!r} {why}") from None
 
 

@@ -128,11 +128,11 @@ def _refuse(model: Model) -> None:
     for switch in model.switches:  # switches that only report events may be dropped
         if switch.terminal or not ca.is_equal(ca.densify(switch.reset), x, 2):
             raise ArgumentError(
-                f"{model.name}: {switch.name!r} moves or ends the motion, and an FMU here has no "
-                "events; take a model without switches"
+                f"{model.name}: {switch.name!r} changes states or ends the motion, but an FMU of "
+                "wormopt has no events; use a model without switches"
             )
     if any(c.gap is not None or c.normal_force is not None for c in model.contacts):
-        raise ArgumentError(f"{model.name} has walls; let them give way by smooth_walls")
+        raise ArgumentError(f"{model.name} has walls; make them elastic with smooth_walls")
 
 
 def _nominals(model: Model) -> tuple[str, str]:
@@ -171,7 +171,7 @@ def plants_of(what: object) -> list[Plant]:
     if scene is None or models is None:
         raise ArgumentError(
             f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "
-            "take one of kind simulate or track"
+            "use kind simulate or track"
         )
     treatment, notes = scene.table.contact.options, remarks(what)
     v_reg = treatment.v_reg if isinstance(treatment, Smooth) else Smooth().v_reg

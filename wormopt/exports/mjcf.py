@@ -43,7 +43,7 @@ def make(robot: Robot, stem: str, step: float = 0.001) -> dict[str, bytes]:
     if robot.hold:
         notes.append(f"a spike holds {robot.hold:.4g} N, twice the bound of what this gait needs")
     if robot.massless:
-        notes.append(f"each mass is {robot.mass[0]:.4g} kg, light beside its friction, and 0 there")
+        notes.append(f"each mass is {robot.mass[0]:.4g} kg, but 0 in the scene")
     root = Element("mujoco", model=robot.name)
     how = {"integrator": "implicitfast", "cone": "elliptic", "tolerance": "1e-14"}
     how["impratio"] = "1" if robot.massless else "100"  # hard friction; light feet would slip

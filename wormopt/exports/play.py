@@ -92,7 +92,7 @@ def play(result: Result, step: float = 0.001, cycles: int = 2) -> Playback:
             places.append(data.xpos[bodies, :2].copy())
         poses.append(data.qpos[:3].copy())
     if warned := sum(warning.number for warning in data.warning):
-        raise SolveError(f"MuJoCo warns {warned} times of its own steps", "take a smaller step")
+        raise SolveError(f"MuJoCo gave {warned} warnings", "use a smaller step")
     if not robot.planar:  # the joints behind the first are links
         poses = [np.array([pose[0], 0.0, 0.0]) for pose in poses]
     return Playback(

@@ -103,10 +103,10 @@ def robot_of(result: object) -> Robot:
     if made is None:
         raise ArgumentError(
             f"{result.scene}: a result of kind {result.kind} holds no chain with targets of its "
-            f"joints, which mjcf and urdf need; take one of kind {', '.join(_KINDS)}"
+            f"joints, which mjcf and urdf need; use kind {', '.join(_KINDS)}"
         )
     table = scene_of_text(result.scene, result.kind, result.scene_text).table
-    bare = "the scene has no units: its units are taken for m, s and kg"
+    bare = "the scene has no units: its units are taken as m, s and kg"
     units = () if table.units == "SI" else (bare,)
     return replace(made(result, table), remarks=(*remarks(result), *units))
 
@@ -148,7 +148,7 @@ def _commanded(result: Result, table: Any) -> Robot:
     if gait is None or worm.random:
         raise ArgumentError(
             f"{result.scene}: mjcf and urdf need commanded lengths of links that are not random; "
-            'take a scene with [worm] and actuation.law = "gait" or "harmonic"'
+            'use a scene with [worm] and actuation.law = "gait" or "harmonic"'
         )
     elastic = np.array([per(getattr(worm, n), worm.links) for n in ("stiffness", "damping")])
     robot = _on_a_line(result, worm, worm.pull, gait, laws_of(worm), shift)
@@ -217,7 +217,7 @@ def _designed(result: Result, table: Any) -> Robot:
     aim = table.task
     if table.ground is None or not aim.closed or "corner" not in result:
         raise ArgumentError(
-            f"{result.scene}: mjcf and urdf need dry ground and a gait that repeats; take a design "
+            f"{result.scene}: mjcf and urdf need dry ground and a gait that repeats; use a design "
             'with [ground] and objective.purpose = "speed" or "turn"'
         )
     corners = result["corner"].values
@@ -298,8 +298,8 @@ def _swinging(result: Result, table: Any) -> Robot:
     if any(wrong.values()):
         keys = ", ".join(key for key, is_wrong in wrong.items() if is_wrong)
         raise ArgumentError(
-            f"{result.scene}: mjcf and urdf cannot have {keys}; "
-            'take springs with periodic forces on ground of law = "elliptic", without rods and '
+            f"{result.scene}: mjcf and urdf do not support {keys}; "
+            'use springs with periodic forces on ground of law = "elliptic", without rods and '
             "obstacles"
         )
     rest = np.array([*per(worm.rest_length, n), *per(worm.rest_angle, n - 1)])

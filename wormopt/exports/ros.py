@@ -32,11 +32,11 @@ def make(
     no cycle.
     """
     if not isinstance(cycles, int) or cycles < 1:
-        raise ArgumentError(f"cycles must be a whole number from 1 on, not {cycles!r}")
+        raise ArgumentError(f"cycles must be a whole number, 1 or above, not {cycles!r}")
     ramp = exported.gait.period / 2 if rest else 0.0
     end = exported.gait.period * cycles + ramp
     if end >= _LATEST:
-        raise ArgumentError(f"ROS has 32 bits for seconds, too few for {end:g}; write fewer cycles")
+        raise ArgumentError(f"{end:g} s exceeds the 32 bits of ROS for seconds; write fewer cycles")
     instants = multiples(step, 0.0, end)
     if step < 1e-9:
         raise ArgumentError(f"ROS counts whole nanoseconds; write a step above {step:g} s")

@@ -49,8 +49,8 @@ def _notes(robot: Robot) -> tuple[str, ...]:
     found = ["friction of the ground is a coefficient along and across each mass, for Gazebo only"]
     if any(ahead != back for ahead, back, _ in robot.grips):
         found.append(
-            "friction is the same ahead and back, their mean: a worm that needs the difference "
-            "stays in place; add a plugin that pushes its masses, or take MJCF"
+            "friction ahead and back is replaced by its mean: a worm that needs the difference "
+            "stays in place; add a plugin that pushes its masses, or use MJCF"
         )
     if np.any(robot.drag) or np.any(robot.load) or any(robot.trailed) or robot.fall:
         found.append("drag and loads are missing")
@@ -58,7 +58,7 @@ def _notes(robot: Robot) -> tuple[str, ...]:
         found.append("links have dashpots, but no springs: their servos are those of the simulator")
     if robot.massless:
         found.append(
-            f"masses have {_SLIPPERY:g} of their weight as friction, and the scene none: run the "
+            f"friction is {_SLIPPERY:g} of the weight of each mass, but 0 in the scene: run the "
             "gait slowly"
         )
     return tuple(found)

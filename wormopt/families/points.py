@@ -32,8 +32,8 @@ _PATIENCE = 1.0
 # For fast steps, number of points between reports.
 _SELDOM = 1000
 _CHANGED = (
-    "a file that the scene names was changed meanwhile, or this worker runs another version of "
-    "wormopt; install the same everywhere, and run it again"
+    "a file named in the scene has changed during the sweep, or this worker has another version of "
+    "wormopt; install the same version everywhere, and run the sweep again"
 )
 T = TypeVar("T")
 
@@ -142,7 +142,7 @@ def compute(job: Job) -> Point | None:
     except Timeout:
         return None
     except OSError as error:
-        why = f"{store.folder}: points cannot be kept there: {error.strerror}"
+        why = f"{store.folder}: points cannot be stored there: {error.strerror}"
         return Point("failed", why, key=job.key, is_new=True)
 
 

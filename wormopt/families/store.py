@@ -70,14 +70,14 @@ class Store:
                 with journal.open("x", encoding="utf-8") as file:
                     file.write(_HEAD)
             elif not (journal.is_file() and journal.read_bytes().startswith(_HEAD.encode())):
-                raise OutputError(f"{journal}: is not of a store of points; {_ELSEWHERE}")
+                raise OutputError(f"{journal}: does not belong to a store of points; {_ELSEWHERE}")
         except FileExistsError:  # another process was faster, or it is a file
             if not folder.is_dir():
-                what = f"{folder}: is a file, no folder for points; {_ELSEWHERE}"
+                what = f"{folder}: is a file, not a folder for points; {_ELSEWHERE}"
                 raise OutputError(what) from None
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or error
-            what = f"{folder}: points cannot be kept there: {why}; {_ELSEWHERE}"
+            what = f"{folder}: points cannot be stored there: {why}; {_ELSEWHERE}"
             raise OutputError(what) from error
 
     def file(self, key: str) -> Path:

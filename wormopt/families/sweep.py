@@ -57,7 +57,7 @@ def sweep(
     method : {"grid", "zip", "latin-hypercube", "sobol"}, optional
         Every combination, first with first, or drawn.
     points, seed : int, optional
-        How many are drawn, and the seed of their generator.
+        Number of drawn points, and the seed of their generator.
     overrides : str, mapping, or iterable of them
         Changes of the scene that all points share, as for `load_scene`.
     store : path, optional
@@ -65,7 +65,7 @@ def sweep(
         depends on. No sweep or machine computes a point again that is there. By default nothing
         is kept.
     keep : {"results", "scalars"}
-        What is kept of a point: all, or no arrays.
+        What is stored of a point: everything, or no arrays.
     engine : Engine, optional
         Where points are computed; processes of this machine if left out.
     report : callable
@@ -100,7 +100,7 @@ def sweep(
         own = {} if over is not None else msgspec.to_builtins(base.sweep)
         base = replace(base, sweep=_read(base.name, own | given))
     if base.sweep is None:
-        what = 'missing; write [sweep] over."worm.load" = "1:10:10", say, or --over'
+        what = 'missing; write for example [sweep] over."worm.load" = "1:10:10", or --over'
         raise SceneError(base.name, [("sweep", what)])
     with _store(store) as folder, using(engine or Engine()):
         kept = Store(Path(folder), keep)
@@ -147,7 +147,7 @@ def _store(folder: str | Path | None) -> AbstractContextManager[str]:
 
 def _read(name: str, raw: dict[str, Any]) -> Swept:
     if not isinstance(raw["over"], Mapping):
-        raise ArgumentError('over is a mapping, {"worm.load": [1, 2]} say')
+        raise ArgumentError('over must be a mapping, for example {"worm.load": [1, 2]}')
     raw["over"] = {str(key): _listed(values) for key, values in raw["over"].items()}
     faults: list[Fault] = []
     swept = read_value(raw, Swept, "sweep", "", faults)

@@ -42,7 +42,7 @@ class Choice(ABC):
         Parameters
         ----------
         rng : Generator
-            Of random numbers.
+            Generator of random numbers.
 
         Returns
         -------
@@ -62,7 +62,7 @@ class Choice(ABC):
         chosen : ndarray, shape (size,)
             Chosen values, from -1 to 1.
         share : float
-            How much is left.
+            Remaining share.
 
         Returns
         -------
@@ -146,7 +146,7 @@ class Choice(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Constant(Choice):
-    """A number that is chosen and held: a load, say.
+    """A constant to choose, such as a load.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class Constant(Choice):
     lower, upper : float
         Limits.
     direction : sequence of float
-        What each entry of the signal is of the number; ones make all alike.
+        Factor of the number for each entry of the signal; all ones by default.
 
     Raises
     ------
@@ -180,7 +180,7 @@ class Constant(Choice):
     def __post_init__(self) -> None:
         object.__setattr__(self, "direction", tuple(map(float, self.direction)))
         if not -math.inf < self.lower < self.upper < math.inf:
-            raise ArgumentError(f"{self.signal}: [{self.lower}, {self.upper}] is no range")
+            raise ArgumentError(f"{self.signal}: [{self.lower}, {self.upper}] is not a range")
 
     @property
     def size(self) -> int:
@@ -249,7 +249,7 @@ def base_of(model: Model, signal: str, given: ArrayLike | None = None) -> tuple[
     known = signal_of(model, signal, None)
     value = known.value if given is None else given
     if value is None:
-        raise ArgumentError(f"{signal} has no value; give one")
+        raise ArgumentError(f"{signal} has no value; write one")
     return numbers_of(signal, value, known.size)
 
 
@@ -258,7 +258,7 @@ def signal_of(model: Model, name: str, size: int | None) -> Signal:
     known = {signal.name: signal for signal in (*model.u, *model.p)}
     if name not in known:
         what = ", ".join(known) or "none"
-        raise ArgumentError(f"{model.name} has no input or parameter {name!r}, but {what}")
+        raise ArgumentError(f"{model.name} has no input or parameter {name!r}; there are {what}")
     if size not in (None, known[name].size):
         raise ArgumentError(f"{name} has {known[name].size} entries, not {size}")
     return known[name]
@@ -302,7 +302,7 @@ def check_whole(**given: int) -> None:
     """Raise ArgumentError unless all are whole numbers from 1 on."""
     for name, value in given.items():
         if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-            raise ArgumentError(f"{name} must be a whole number from 1 on, not {value!r}")
+            raise ArgumentError(f"{name} must be a whole number, 1 or above, not {value!r}")
 
 
 # Samples of a wave per period of its highest harmonic; between samples, it exceeds the largest by
@@ -418,9 +418,9 @@ class Waves(Choice):
     base : sequence of float
         Value of each entry at time 0, about which it changes.
     frequency : float or (float, float)
-        Of the first harmonic, in turns per time; a range is chosen from.
+        Frequency of the first harmonic, in turns per time, or a range for it.
     harmonics : int
-        How many.
+        Number of harmonics.
     change : float
         Largest change from the base, either way.
     rate : float, optional

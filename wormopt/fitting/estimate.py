@@ -35,17 +35,17 @@ class Attempt:
     Parameters
     ----------
     start : ndarray, shape (n,)
-        Coordinates it began with.
+        Coordinates at the start.
     theta : ndarray, shape (n,)
-        Those it ended with.
+        Coordinates at the end.
     cost : float
-        Half the sum of squares there, infinite if it could not even begin.
+        Half the sum of squares at the end, infinite if the start cannot be simulated.
     offset : float
-        How far from the bottom, in standard errors: length of the next step over sqrt(n).
+        Distance from the minimum, in standard errors: length of the next step over sqrt(n).
     evaluations : int
-        Simulations of all runs that it took, with derivatives or without.
+        Number of simulations of all runs, with derivatives or without.
     agrees : bool
-        Whether it ended where the best did, within a tenth of the standard errors.
+        Whether it ended at the best fit, within a tenth of the standard errors.
 
     Examples
     --------
@@ -77,25 +77,25 @@ class Fit:
     Parameters
     ----------
     task : FitTask
-        What was fitted, with the noise found where it was to be estimated.
+        The fitted task, with the noise found if it was estimated.
     theta : ndarray, shape (n,)
         Coordinates found, in the order of ``names``.
     residuals : ndarray, shape (rows,)
-        Of `FitTask.residuals` there.
+        Residuals of `FitTask.residuals` at the estimate.
     jacobian : ndarray, shape (rows, n)
         Likewise.
     offset : float
-        How far from the bottom, in standard errors: length of the next step over sqrt(n).
+        Distance from the minimum, in standard errors: length of the next step over sqrt(n).
     converged : bool
         Whether that is nothing, and the best start is not alone.
     reason : str
-        Why not; empty where converged.
+        Reason if the search has not converged; empty otherwise.
     starts : tuple of Attempt
         Where every start ended, the best first.
     estimated : tuple of str
         Signals of which the noise was estimated.
     warnings : tuple of str
-        What to know about recordings and result.
+        Warnings about recordings and result.
 
     Examples
     --------
@@ -248,10 +248,10 @@ class Fit:
 def check_fit(found: object) -> None:
     """Raise ArgumentError for anything but the result of `fit`."""
     if not isinstance(found, Fit):
-        raise ArgumentError(f"found must be a Fit, as fit returns it, not {type(found).__name__}")
+        raise ArgumentError(f"found must be the result of fit, not {type(found).__name__}")
 
 
 def check_level(level: object) -> None:
     """Raise ArgumentError for a level not between 0 and 1."""
     if not (isinstance(level, int | float) and 0 < level < 1):
-        raise ArgumentError(f"level must lie between 0 and 1, not {level!r}")
+        raise ArgumentError(f"level must be between 0 and 1, not {level!r}")

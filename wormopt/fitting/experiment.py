@@ -36,8 +36,8 @@ class Experiment:
     model : Model
         With the best known values of the unknowns, and the worm's start.
     unknowns : sequence of Unknown
-        What shall be known better, and what is not known beside it: a start, say. Its values are
-        the model's own; its priors are what is known before.
+        Parameters to estimate better, and other unknowns, such as initial values. Their values
+        are those of the model; priors state what is known before.
     measured : mapping of str to float
         Standard deviation of the noise of each state or output that is measured: of all its
         entries, independent from sample to sample.
@@ -51,7 +51,7 @@ class Experiment:
         Covariance of the unknowns' coordinates that earlier runs left, as a Fit has it; infinite
         variances for unidentifiable ones.
     contact : Exact or Smooth, optional
-        How contacts are treated.
+        Treatment of contacts.
 
     Raises
     ------
@@ -88,9 +88,9 @@ class Experiment:
     def __post_init__(self) -> None:
         times = self.instants
         if times.ndim != 1 or len(times) < 2 or times[0] < 0 or not np.all(np.diff(times) > 0):
-            raise ArgumentError("times must ascend from 0 on, at least two of them")
+            raise ArgumentError("times must be two or more, ascending, 0 or above")
         if not (self.unknowns and self.measured and self.choices):
-            raise ArgumentError("an experiment needs something unknown, measured and to choose")
+            raise ArgumentError("an experiment needs unknowns, measured signals and choices")
         for name, deviation in self.measured.items():
             if not 0 < deviation < np.inf:
                 raise ArgumentError(f"noise of {name} must be positive, not {deviation!r}")
@@ -114,7 +114,7 @@ class Experiment:
     def _check_limits(self) -> None:
         for name, (low, high) in (self.limits or {}).items():
             if not low < high or (np.isinf(low) and np.isinf(high)):
-                raise ArgumentError(f"limits of {name}: [{low}, {high}] limits nothing, or all")
+                raise ArgumentError(f"limits of {name}: [{low}, {high}] must be finite and ascend")
 
     @cached_property
     def instants(self) -> np.ndarray:
@@ -135,7 +135,7 @@ class Experiment:
         for unknown in self.unknowns:
             for name, directions in unknown.directions(self.model):
                 for signal in directions.keys() - own.keys():
-                    what = f"the model brings no value of {signal}; give it one"
+                    what = f"{signal} has no value in the model; write one"
                     raise ArgumentError(f"{name}: {what}")
                 value = along(directions, own)
                 if unknown.log and not value > 0:
@@ -219,7 +219,7 @@ class Experiment:
         chosen : ndarray, shape (size,)
             Chosen values.
         tolerance : Tolerance, optional
-            How exactly.
+            Tolerance of the simulation.
         route : {"auto", "native", "python", "cvodes"}, optional
             By which integrator.
 
@@ -341,7 +341,7 @@ class Experiment:
         chosen : ndarray, shape (size,)
             Chosen values.
         looks : int
-            How often the motion is looked at.
+            Number of times at which the motion is checked.
 
         Returns
         -------
@@ -417,15 +417,15 @@ def mean_rate(
     Parameters
     ----------
     experiment : Experiment
-        Whose unknowns there are.
+        Experiment with the unknowns.
     model : Model
-        What moves then, with the same unknowns: the same worm under the gait it is built for.
+        Model of that motion, with the same unknowns: the same worm under another gait.
     output : str
         Name of a state or output; of the mean speed it is that of the place.
     span : (float, float)
         First and last time.
     entry : int, optional
-        Which entry of it.
+        Entry of the output.
 
     Returns
     -------
@@ -464,5 +464,5 @@ def mean_rate(
     )
     row = np.diff(motion.derivative(output)[entry])[:, 0] / (last - first)
     if not np.any(row):
-        raise ArgumentError(f"the mean rate of {output} depends on none of the unknowns")
+        raise ArgumentError(f"the mean rate of {output} does not depend on the unknowns")
     return Criterion("A", row[None, :])

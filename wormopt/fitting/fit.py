@@ -210,7 +210,7 @@ def _settled(task: Squares, found: Descent) -> Descent:
 def _look(task: Squares, theta: np.ndarray, count: int) -> Descent:
     residuals, jacobian = task.residuals(theta)
     if not (np.isfinite(residuals).all() and np.isfinite(jacobian).all()):
-        raise SolveError("the motion or its derivatives grow beyond all numbers", "")
+        raise SolveError("the motion or its derivatives become infinite", "")
     free = ~held_at(task.bounds, theta, jacobian.T @ residuals)
     return Descent(theta, residuals, jacobian, offset_of(residuals, jacobian, free), count + 1)
 
@@ -319,19 +319,19 @@ def fit(
     Parameters
     ----------
     task : FitTask
-        What is to be fitted.
+        Model, recordings and unknowns.
     seeds : int, optional
-        From how many starts at most: the first is the one given, the others are spread around it
-        within the bounds.
+        Largest number of starts: the first is the given one, the others are distributed around
+        it within the bounds.
     enough : int, optional
-        How many starts have to end at the best, and leave noise only, before no other is tried.
+        Number of starts that must end at the best fit, leaving only noise, to end the search.
         Where they leave more, all are tried.
     nodes : int, optional
         Number of readings at which each run is cut for the descent of the starts (multiple
         shooting): many for long or sensitive motions, 0 for none. By default every third start
         is treated so, if the readings determine all states.
     seed : int, optional
-        Of the random numbers that starts are drawn with.
+        Seed of the random starts.
     report : callable, optional
         Receives the progress, see `wormopt.progress`.
 
@@ -353,7 +353,7 @@ def fit(
 
     Examples
     --------
-    How fast does it decay?
+    Rate at which a velocity decays:
 
     >>> import casadi as ca
     >>> from wormopt.fitting.recording import Recording
@@ -419,7 +419,7 @@ def _of_starts(
         assert first is not None
         raise SolveError(
             f"no start of the fit could be simulated: {first}",
-            "begin with other numbers, or narrower bounds",
+            "write other start values, or narrower bounds",
         ) from first
     # by the errors of this noise; estimates may be far smaller later
     ends[:] = [replace(end, agrees=_agrees(best, end)) for end in ends]
@@ -510,14 +510,14 @@ def _failing(found: Fit, strange: list[str]) -> str:
         )
     if found.offset >= ARRIVED:
         return (
-            f"the search did not reach a minimum: {found.offset:.2g} standard errors are left; "
-            "events may appear or vanish there; try other starts"
+            f"the search ended {found.offset:.2g} standard errors from a minimum, perhaps because "
+            "events appear or vanish there; try other starts"
         )
     still = np.flatnonzero(~np.any(found.jacobian, axis=0))
     if strange and still.size:
         return (
             f"the motion does not depend on {', '.join(names[k] for k in still)} here, and does "
-            "not fit; write starts at which it depends on them"
+            "not fit; write start values at which it depends on them"
         )
     if strange and len(found.starts) > 1 and same < 2:
         return (
@@ -533,7 +533,7 @@ def _doubted(found: Fit) -> list[str]:
     for run, doubt in found.nonsmooth_events:
         doubts.setdefault(run, []).append(doubt)
     return [
-        f"{run}: derivatives are of one side only at {len(each)} events, first {each[0].reason} of "
+        f"{run}: derivatives are one-sided at {len(each)} events, first {each[0].reason} of "
         f"{each[0].event.name} at t = {each[0].event.time:.4g}: errors may be larger"
         for run, each in doubts.items()
     ]
@@ -541,8 +541,8 @@ def _doubted(found: Fit) -> list[str]:
 
 def _check(task: object, seeds: object, enough: object, nodes: object) -> None:
     if not isinstance(task, FitTask):
-        raise ArgumentError(f"fit takes a FitTask, not {type(task).__name__}")
+        raise ArgumentError(f"task must be a FitTask, not {type(task).__name__}")
     for what, count, least in (("seeds", seeds, 1), ("enough", enough, 1), ("nodes", nodes, 0)):
         whole = isinstance(count, int | np.integer) and count >= least
         if not whole and (what != "nodes" or count is not None):
-            raise ArgumentError(f"{what} must be a whole number from {least} on, not {count!r}")
+            raise ArgumentError(f"{what} must be a whole number, {least} or above, not {count!r}")

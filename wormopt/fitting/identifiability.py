@@ -41,11 +41,11 @@ class Combination:
     Parameters
     ----------
     names : tuple of str
-        Of the unknowns.
+        Names of the unknowns.
     form : {"product", "sum", "here"}
         Whether it leads on along factors, along sums, or holds to first order at this point.
     changes : tuple of float
-        How each changes, the largest by 1.
+        Change of each unknown, the largest 1.
     relative : bool
         Whether changes are relative, or in the units of the unknowns.
     """
@@ -58,12 +58,12 @@ class Combination:
     def __str__(self) -> str:
         """Describe the unidentifiable change, and the remaining known combinations."""
         if len(self.names) == 1:
-            return f"{self.names[0]} changes nothing that was measured"
+            return f"{self.names[0]} has no effect on the measurements"
         pairs = list(zip(self.names, self.changes, strict=True))
         if self.form == "here":
             unit = " %" if self.relative else ""
             moved = _listed([f"{name} by {c:+.3g}{unit}" for name, c in pairs])
-            return f"{moved} together change nothing, to first order"
+            return f"{moved} together have no effect, to first order"
         least = np.copysign(min(map(abs, self.changes)), self.changes[0])
         pairs = [(name, change / least) for name, change in pairs]
         if self.form == "product" and len(pairs) > _MANY and all(_nice(c) == "1" for _, c in pairs):
@@ -216,14 +216,14 @@ class Identifiability:
     names : tuple of str
         Unknowns.
     singular_values : ndarray, shape (n,)
-        Of the scaled Jacobian of the readings, largest first: standard deviations of noise by
-        which residuals move when unknowns change by their sizes.
+        Singular values of the scaled Jacobian of the readings, largest first: changes of
+        residuals, in standard deviations, for changes of unknowns by their sizes.
     directions : ndarray, shape (n, n)
         The combinations that belong to them, in shares of the sizes, row by row.
     error : float
-        How wrong singular values may be.
+        Error bound of the singular values.
     rank : int
-        How many singular values are larger.
+        Number of larger singular values.
     errors : ndarray, shape (n,)
         Standard error of each unknown by the readings alone, in shares of its size; infinite for
         unidentifiable ones.
@@ -263,8 +263,8 @@ class Identifiability:
         shares = dict(zip(self.names, self.errors, strict=True))
         return (
             *map(str, self.lost),
-            *(f"{name} is known by its prior only" for name in self.by_prior),
-            *(f"{name} is known to {100 * shares[name]:.0f} % only" for name in self.weak),
+            *(f"{name} is known from its prior only" for name in self.by_prior),
+            *(f"{name} is known only to {100 * shares[name]:.0f} %" for name in self.weak),
         )
 
 

@@ -179,7 +179,7 @@ class Knowledge:
         """
         given = np.array(covariance, dtype=float)
         if given.shape != (len(names), len(names)) or np.any(np.isnan(given)):
-            raise ArgumentError(f"covariance must be {len(names)} by {len(names)} numbers")
+            raise ArgumentError(f"covariance must have the shape ({len(names)}, {len(names)})")
         finite = np.isfinite(np.diag(given))
         inner = given[np.ix_(finite, finite)]
         root = np.zeros((finite.sum(), len(names)))
@@ -262,7 +262,7 @@ def _inverse_root(covariance: np.ndarray) -> np.ndarray:
     except np.linalg.LinAlgError:
         pass
     what = "covariance must be symmetric and positive definite"
-    raise ArgumentError(f"{what}; give it as the fit left it")
+    raise ArgumentError(f"{what}; pass the covariance of the fit")
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,7 +291,7 @@ class Criterion:
         if self.kind not in ("D", "A"):
             raise ArgumentError(f'kind must be "D" or "A", not {self.kind!r}')
         if self.kind == "D" and np.linalg.matrix_rank(rows) < len(rows):
-            raise ArgumentError("the combinations of a volume must be independent")
+            raise ArgumentError("the combinations of criterion D must be linearly independent")
 
     @classmethod
     def of(

@@ -73,7 +73,7 @@ def unexplained(asked: FitTask, task: FitTask, plain: np.ndarray) -> Iterator[st
     else:
         sizes = [float(np.median(np.abs(left[rows]))) / MEDIAN for rows in task.groups.values()]
     if max(sizes) > _EXPLAINED:
-        which = "noise said" if not asked.estimated else "scatter of the readings"
+        which = "given noise" if not asked.estimated else "scatter of the readings"
         yield f"residuals are {max(sizes):.2g} times the {which}"
     chances = [p for block in task.blocks for p in _chances(block, left)]
     if min(chances, default=1.0) < _LACKING:
@@ -107,11 +107,11 @@ def ljung_box(row: np.ndarray, lags: int | None = None) -> tuple[float, float]:
 TestName = Literal["correlation", "runs", "normal", "size"]
 _SHAPIRO = 5000  # most readings for which its p-values are valid
 _SAYS = {
-    "correlation": "the residuals of {0} depend on those before: the model lacks something that "
-    "is slower than its sampling",
-    "runs": "the residuals of {0} keep their sign too long or too shortly",
-    "normal": "the residuals of {0} are not normal: outliers, or few steps of a sensor",
-    "size": "the residuals of {0} are {1} than the noise said",
+    "correlation": "the residuals of {0} are correlated in time: the model lacks an effect that "
+    "is slower than the sampling",
+    "runs": "the residuals of {0} change their sign too rarely or too often",
+    "normal": "the residuals of {0} are not normal: there are outliers, or the sensor is coarse",
+    "size": "the residuals of {0} are {1} than the given noise",
 }
 
 
@@ -128,7 +128,7 @@ class ResidualTest:
     statistic : float
         Of the test: for "size" the mean square over what it should be.
     p : float
-        How likely white normal noise of the size said is at least so far off.
+        Probability of a deviation at least as large for white normal noise of the given size.
     """
 
     test: TestName
@@ -154,7 +154,7 @@ class Whiteness:
     level: float
 
     def __repr__(self) -> str:
-        summary = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests at fault"
+        summary = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests failed"
         return lines(summary, *self.words)
 
     @property

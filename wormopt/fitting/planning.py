@@ -50,11 +50,11 @@ class Plan:
     Parameters
     ----------
     experiment : Experiment
-        What was to be planned.
+        The planned experiment.
     criterion : Criterion
         By what it was judged.
     chosen : ndarray, shape (size,)
-        What is chosen, choice after choice.
+        Chosen numbers, choice by choice.
     run : Run
         Its run.
     rivals : tuple of Rival
@@ -64,7 +64,7 @@ class Plan:
     excess : float
         Largest excess of any limit, of inputs or motion, as a share, on a fine grid.
     departure : float
-        How far measurements depart from linear ones within two standard errors, in standard
+        Deviation of measurements from linear ones within two standard errors, in standard
         errors for each: above 0.1, expected errors may be off.
     recheck : float
         The criterion again, by the Python route with a hundredth of the tolerance.
@@ -110,7 +110,7 @@ class Plan:
         Parameters
         ----------
         other : Knowledge
-            What is known otherwise, after a rival's run say.
+            Knowledge to compare with, such as that after a rival's run.
 
         Returns
         -------
@@ -257,9 +257,9 @@ class _Search:
         names = known.unseen[0] if known.unseen else {}
         listed = ", ".join(f"{share:+.3g} {name}" for name, share in names.items())
         raise SolveError(
-            f"no experiment identifies the wanted unknowns: nothing changes with {listed}",
-            "measure other signals, fix more parameters, or want fewer unknowns",
-            code="not_told",
+            f"no experiment identifies the wanted unknowns: no measurement depends on {listed}",
+            "measure other signals, fix more parameters, or name fewer wanted unknowns",
+            code="not_identified",
         )
 
     def _drawn(self, rng: np.random.Generator) -> np.ndarray:
@@ -269,7 +269,7 @@ class _Search:
                 return chosen
         raise SolveError(
             "limits along the motion are exceeded even where the inputs do not change",
-            "widen the limits, or begin elsewhere",
+            "widen the limits, or change the start",
             code="no_room",
         )
 

@@ -101,7 +101,7 @@ class Posterior:
     divergences : int
         Steps of the sampler that went astray: the probability is rough there.
     r_hat : ndarray, shape (n,)
-        Of the draws by their ranks, 1 where chains agree.
+        Rank-normalised R-hat of the draws, 1 where chains agree.
     effective : ndarray, shape (n,)
         Number of independent draws they are worth, in the bulk or the tails, whichever is less.
     """
@@ -114,7 +114,7 @@ class Posterior:
 
     def __repr__(self) -> str:
         count = int(np.prod(self.draws.shape[:2]))
-        summary = f"Posterior: {count} draws" + ("" if self.doubts else ", to be trusted")
+        summary = f"Posterior: {count} draws" + ("" if self.doubts else ", reliable")
         lows, highs = self.interval(0.95).T
         found = ", ".join(
             f"{name} {text(float(low), SHORT)} to {text(float(high), SHORT)}"
@@ -180,11 +180,11 @@ def posterior(
     found : Fit
         Numbers found, around which to begin.
     draws, tune : int, optional
-        Of each chain: draws kept, and those before to adapt.
+        Numbers of kept draws and of adaptation draws, per chain.
     chains : int, optional
         At least two, which are compared.
     seed : int, optional
-        Of the random numbers.
+        Seed of the random numbers.
     report : callable, optional
         Receives the share that is done.
 
@@ -258,7 +258,7 @@ def posterior(
         raise Interrupted(_made(density, arviz, sampler.abort())) from None
     except RuntimeError as error:
         raise SolveError(
-            "the sampler found nowhere to begin", "narrow the bounds, or look at the fit"
+            "the sampler found no valid start", "narrow the bounds, or check the fit"
         ) from error
     made = _made(density, arviz, trace)
     assert made is not None

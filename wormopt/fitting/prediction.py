@@ -43,9 +43,9 @@ class Prediction:
     chi2 : float
         Squares of the differences over what they should be, with what they have in common.
     freedom : int
-        What `chi2` should be about: readings less what was fitted to them.
+        Expectation of `chi2`: readings less the number of values fitted to them.
     p : float
-        How likely a true model is at least so far off.
+        Probability of a deviation at least as large under a true model.
     """
 
     recording: Recording
@@ -85,11 +85,11 @@ class Prediction:
         """Statements about anomalies."""
         name = self.recording.name
         unknown = [s for s, sd in self.model_error.items() if np.isinf(sd).any()]
-        statements = [f"unidentifiable directions move {signal} in {name}" for signal in unknown]
+        statements = [f"{signal} in {name} depends on unidentified unknowns" for signal in unknown]
         if self.p < _DOUBTED:
             statements.append(
-                f"{name} is not as predicted (p = {self.p:.1g}): the model, or the noise said, is "
-                "not what was recorded"
+                f"{name} differs from the prediction (p = {self.p:.1g}): the model or the given "
+                "noise does not describe this recording"
             )
         return tuple(statements)
 
@@ -151,7 +151,7 @@ def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Predict
     chi2, sd = _judged(r, jacobian @ spread, taken)
     freedom = len(r) - taken.shape[1]
     if freedom < 1:
-        raise ArgumentError(f"{recording.name}: as many unknowns of its own as readings")
+        raise ArgumentError(f"{recording.name}: too few readings for its own unknowns")
     within = np.abs(r) <= stats.norm.ppf(0.5 + level / 2) * sd
     values, model = _bands(task, theta, spread, open_[:, moves])
     return Prediction(

@@ -61,7 +61,7 @@ def refit(
     point = point or point_at(task, moved)
     if point is None:
         held = ", ".join(n for n, is_free in zip(task.names, free, strict=True) if not is_free)
-        raise SolveError(f"the motion cannot be followed along {held or 'all unknowns'}")
+        raise SolveError(f"the fit cannot be repeated along {held or 'all unknowns'}")
     for _ in range(_STEPS):
         guess, gain = _step(task, point.theta, point, free)
         if gain <= settled:
@@ -145,7 +145,7 @@ class Profile:
     values : ndarray, shape (m,)
         Values of the unknown, ascending.
     rises : ndarray, shape (m,)
-        How much larger the squares of the residuals are there than at best.
+        Increase of the sum of squared residuals over the best one.
     numbers : ndarray, shape (m, n)
         All unknowns there.
     best : float
@@ -185,7 +185,7 @@ class Profile:
         ]
         if self.fell > 0:
             statements.append(
-                f"along {self.name} a better fit was found, its squares less by "
+                f"along {self.name} a better fit was found, with a sum of squares less by "
                 f"{text(self.fell, SHORT)}; fit again from {self.name} = {text(self.best, SHORT)}"
             )
         return tuple(statements)
@@ -205,7 +205,7 @@ def profile(
     found : Fit
         Numbers found.
     names : sequence of str, optional
-        Of the unknowns; all if left out.
+        Names of unknowns; all if left out.
     level : float, optional
         Confidence level.
     report : callable, optional

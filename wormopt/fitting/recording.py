@@ -136,9 +136,9 @@ class Recording:
         First and last time of the motion; those of the readings if left out. It starts from ``x0``
         at the first.
     model : Model, optional
-        What moved in this run, where it is not what is fitted: the same worm driven otherwise.
+        Model of this run if it differs from the fitted one: the same worm, driven otherwise.
     name : str, optional
-        What the run is called.
+        Name of the run.
     unwrap : sequence of str, optional
         Signals that are angles in rad, recorded modulo 2π: turns are added so that no step is
         larger than half a turn.
@@ -170,24 +170,24 @@ class Recording:
         _check_times(self.name, self.times)
         object.__setattr__(self, "values", signals(self.name, self.values, self.time))
         if isinstance(self.unwrap, str) or not set(self.unwrap) <= set(self.values):
-            what = f"unwrap names signals that were read, a list of {', '.join(self.values)}"
+            what = f"unwrap must name recorded signals, a list of {', '.join(self.values)}"
             raise ArgumentError(f"{self.name}: {what}, not {self.unwrap!r}")
         first, last = self.ends
         if not (first < last and first <= self.times[0] and self.times[-1] <= last):
             raise ArgumentError(
-                f"{self.name}: readings from {self.times[0]:g} to {self.times[-1]:g} lie outside "
+                f"{self.name}: readings from {self.times[0]:g} to {self.times[-1]:g} are outside "
                 f"the motion's span ({first:g}, {last:g})"
             )
         for name, sd in (self.noise or {}).items():
             if name not in self.values:
-                raise ArgumentError(f"{self.name}: noise of {name}, of which there are no readings")
+                raise ArgumentError(f"{self.name}: noise of {name}, but {name} has no readings")
             if not (np.ndim(numbers(f"noise of {name}", sd)) == 0 and 0 < sd < np.inf):
                 raise ArgumentError(f"{self.name}: noise of {name} must be positive, not {sd!r}")
         rows = [row for rows in self.readings.values() for row in rows if np.isfinite(row).any()]
         if all(map(_still, rows)):
             raise ArgumentError(
-                f"{self.name}: nothing moves, every signal keeps one value; look for a sensor that "
-                "is off, or a column that repeats"
+                f"{self.name}: all signals are constant; check for a sensor that is off, or a "
+                "column that repeats"
             )
 
     @cached_property
@@ -222,14 +222,14 @@ class Recording:
             still = [k for k, row in enumerate(rows) if _still(row)]
             if still:
                 entries = ", ".join(f"{name}[{k}]" for k in still)
-                found.append(f"{self.name}: {entries} keeps one value all the time")
+                found.append(f"{self.name}: {entries} is constant")
             for turn, words in ((2 * np.pi, "2π"), (360.0, "360")):
                 wrapped = [k for k, row in enumerate(rows) if _is_wrapped(row, turn)]
                 if wrapped:
                     entries = ", ".join(f"{name}[{k}]" for k in wrapped)
                     found.append(
-                        f"{self.name}: {entries} jumps by about {words}, as angles do that are "
-                        f"recorded modulo a turn; if it is one, write it in rad, and "
+                        f"{self.name}: {entries} jumps by about {words}, like an angle that is "
+                        f"recorded modulo a turn; if it is an angle, write it in rad, and "
                         f'unwrap = ["{name}"]'
                     )
             if name in self.unwrap:
@@ -242,7 +242,7 @@ class Recording:
             if moving.size and moving.max() > APART * moving.min():
                 found.append(
                     f"{self.name}: entries of {name} differ {moving.max() / moving.min():.0f} "
-                    "times in size; look at their units"
+                    "times in size; check their units"
                 )
         return tuple(found)
 
@@ -252,7 +252,7 @@ def _check_times(name: str, times: np.ndarray) -> None:
         raise ArgumentError(f"{name}: time must be a list of at least two instants")
     wrong = np.flatnonzero(~np.isfinite(times))
     if wrong.size:
-        raise ArgumentError(f"{name}: time {wrong[0]} is {times[wrong[0]]}, no number")
+        raise ArgumentError(f"{name}: time {wrong[0]} is {times[wrong[0]]}, not a number")
     back = np.flatnonzero(np.diff(times) <= 0)
     if back.size:
         k = int(back[0])
@@ -270,7 +270,7 @@ def _readings(run: str, name: object, given: object, count: int) -> np.ndarray:
         row, at = np.argwhere(np.isinf(rows))[0]
         raise ArgumentError(f"{run}: {name}[{row}] is infinite in reading {at}")
     if np.isnan(rows).all():
-        raise ArgumentError(f"{run}: {name} has no reading at all; leave it out")
+        raise ArgumentError(f"{run}: {name} has no readings; leave it out")
     return rows
 
 
@@ -295,9 +295,9 @@ def guesses(times: np.ndarray, row: np.ndarray) -> list[str]:
     fastest = float(np.max(steps[usual] / pauses[usual]))
     open_ = np.flatnonzero(~usual & (fastest * pauses > np.pi))
     return [
-        f"has no reading from t = {t[k]:g} to {t[k + 1]:g}, and at its fastest it turns by "
-        f"{fastest * pauses[k]:.2g} rad in so long: whole turns added there are a guess; make two "
-        "recordings of it, before and after"
+        f"has no reading from t = {t[k]:g} to {t[k + 1]:g}, and at its largest rate it turns by "
+        f"{fastest * pauses[k]:.2g} rad in this time: the number of turns is a guess; split the "
+        "recording there in two"
         for k in open_.tolist()
     ]
 

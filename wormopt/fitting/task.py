@@ -227,31 +227,31 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class FitTask:
-    """Recordings, the model that shall reproduce them, and the numbers it lacks.
+    """Recordings, the model to fit to them, and its unknowns.
 
     Residuals are (model - reading) / standard deviation, one row for each reading, passed through
     the loss; then (coordinate - mean) / deviation for each prior. Half their sum of squares is the
-    cost. A coordinate is the number itself, or its logarithm where the unknown says so.
+    cost. A coordinate is the number itself, or its logarithm if the unknown has `log`.
 
     Parameters
     ----------
     model : Model
-        What moved.
+        The model to fit.
     recordings : sequence of Recording
         Its runs.
     unknowns : sequence of Unknown
-        What is sought.
+        Unknown parameters and initial values.
     contact : Exact or Smooth, optional
-        How contacts are treated.
+        Treatment of contacts.
     noise : mapping of str to float, optional
-        Standard deviations of readings by signal, where recordings do not say; what neither says
-        is estimated.
+        Standard deviations of readings by signal, if recordings have none; others are
+        estimated.
     loss : {"linear", "soft_l1", "huber", "cauchy"}, optional
-        How large residuals count; all but "linear" bear outliers.
+        Weight of large residuals; all but "linear" are robust to outliers.
     tolerance : Tolerance, optional
-        Of simulations; by the noise if left out, with few `max_steps`.
+        Tolerance of simulations; derived from the noise if left out, with few `max_steps`.
     route : {"auto", "native", "python", "cvodes"}, optional
-        How to integrate, see `simulate`.
+        Integrator, see `simulate`.
 
     Raises
     ------
@@ -260,7 +260,7 @@ class FitTask:
 
     Examples
     --------
-    A block slides and stops; how strongly does the ground resist?
+    Friction of a block that slides and stops:
 
     >>> import casadi as ca
     >>> from wormopt.model.friction import Coulomb
@@ -295,8 +295,8 @@ class FitTask:
         )
         if missing > 0:
             raise ArgumentError(
-                f"{len(self.coordinates)} unknowns from {readings} readings; {missing} more are "
-                "needed, or priors"
+                f"{len(self.coordinates)} unknowns, but {readings} readings; add {missing} "
+                "readings or priors"
             )
 
     # -- coordinates -----------------------------------------------------------------------
@@ -637,7 +637,7 @@ class FitTask:
                 yield (
                     f"{run.name}: {name}[{k}] starts at {start[k]:.6g}, but its first reading is "
                     f"{first[k]:.6g}, {apart[k]:.0f} times their scatter away; correct the start, "
-                    f"or take {name} as an unknown with per_run = true"
+                    f"or add {name} as an unknown with per_run = true"
                 )
 
     @cached_property
@@ -651,7 +651,7 @@ class FitTask:
                 times = float(np.nanmax(np.abs(run.readings[signal]))) / usual[signal]
                 if times > APART or 0 < times < 1 / APART:
                     found.append(
-                        f"{run.name}: readings of {signal} are {times:.2g} times what is usual "
-                        "for the model; look at their unit"
+                        f"{run.name}: readings of {signal} are {times:.2g} times the usual size "
+                        "in the model; check their unit"
                     )
         return tuple(found)

@@ -30,7 +30,7 @@ class Unknown:
     Parameters
     ----------
     name : str
-        What it is called.
+        Name of the unknown.
     targets : str, sequence of str or mapping of str to array_like, optional
         Names of signals and entries that are equal to it, or signal -> direction.
     lower, upper : float or array_like, optional
@@ -74,9 +74,9 @@ class Unknown:
             raise ArgumentError(f"{self.name}: lower must be below upper, not {least} and {most}")
         start = self._number("start", np.nan)
         if np.any(np.isinf(start)) or np.any((start < least) | (start > most)):
-            raise ArgumentError(f"{self.name}: start {start} must lie within its bounds")
+            raise ArgumentError(f"{self.name}: start {start} must be within its bounds")
         if self.log and (np.any(start <= 0) or np.any(most <= 0)):
-            raise ArgumentError(f"{self.name}: only what is positive has a logarithm")
+            raise ArgumentError(f"{self.name}: log needs positive values and bounds")
         if self.prior is not None:
             self._check_prior()
 
@@ -161,7 +161,7 @@ def _entry(name: str, shapes: Mapping[str, tuple[int, ...]]) -> tuple[str, int |
         what = "parameter, input, state or schedule"
         raise UnknownNameError("the model", what, [signal], list(shapes))
     if entry is not None and entry >= math.prod(shapes[signal]):
-        raise ArgumentError(f"{signal} has {math.prod(shapes[signal])} entries, no {name}")
+        raise ArgumentError(f"{signal} has {math.prod(shapes[signal])} entries; there is no {name}")
     return signal, entry
 
 
@@ -221,7 +221,7 @@ def coordinates_of(
     labels = [c.name for c in found]
     for label in labels:
         if labels.count(label) > 1:
-            raise ArgumentError(f"two unknowns are called {label}; give them other names")
+            raise ArgumentError(f"two unknowns have the name {label}; write different names")
     return tuple(found)
 
 
@@ -276,7 +276,7 @@ def _coordinate(
 def _pick(given: object, index: int, name: str) -> float:
     values = np.ravel(np.asarray(given, dtype=float))
     if values.size > 1 and index >= values.size:
-        raise ArgumentError(f"{name} is entry {index}, and only {values.size} numbers are given")
+        raise ArgumentError(f"{name} is entry {index}, but only {values.size} numbers are given")
     return float(values[index if values.size > 1 else 0])
 
 

@@ -97,10 +97,10 @@ def block_field(
     """
     if not 0 < on < every:
         raise ArgumentError(
-            f"a block of {on} coils does not fit into a pattern of {every}; write fewer coils"
+            f"a block of {on} coils does not fit into a pattern of {every} coils; write fewer"
         )
     if row.gap is None or not 0 < half < row.gap / 2:
-        raise ArgumentError(f"a strip of half width {half:g} m reaches the coils")
+        raise ArgumentError(f"a strip of half width {half:g} m touches the coils; write less")
     period = 2 * every * row.pitch  # after one repeat sides may have changed
     x = period * np.arange(_POINTS) / _POINTS
     height = chebyshev.chebpts1(_DEGREE + 1)

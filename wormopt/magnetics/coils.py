@@ -93,7 +93,7 @@ class CoilRow:
         if alternate and self.gap is None:
             raise ArgumentError('sides = "alternating" needs two sides; write a gap')
         if self.gap is not None and (self.axis == "along" or not 0 < self.gap < math.inf):
-            raise ArgumentError("gap must be above 0, with coil axes across or vertical")
+            raise ArgumentError('gap must be above 0, and needs axis = "across" or "vertical"')
 
     @property
     def places(self) -> np.ndarray:
@@ -174,7 +174,7 @@ class CoilRow:
         """
         x, y, z = (np.ravel(part) for part in np.broadcast_arrays(x, y, z))
         if not np.all(self.clearance(x, z, y) > 0):
-            raise ArgumentError("a coil lies inside the fluid: a point is in a winding")
+            raise ArgumentError("a coil is inside the fluid: a point is in a winding")
         found = np.zeros((3, len(x), self.count))
         for k, q, s, away in self._seen(x, y, z):
             if coils is not None and k not in coils:
@@ -253,7 +253,7 @@ class CoilRow:
         points = np.vstack([np.ravel(part) for part in np.broadcast_arrays(x, y, z)]).astype(float)
         least = np.min(self.clearance(points[0], points[2], points[1]))
         if not least > 0:
-            raise ArgumentError("a coil lies inside the fluid: a point is in a winding")
+            raise ArgumentError("a coil is inside the fluid: a point is in a winding")
         values = self.check_currents(currents)
         nodes = self.coil.nodes(float(least))
         one = _slopes(self.coil, self.axis, nodes).map(points.shape[1])

@@ -193,7 +193,7 @@ class Coil:
         q, s = np.broadcast_arrays(np.asarray(q, dtype=float), np.asarray(s, dtype=float))
         clearance = self.clearance(q, s)
         if not np.all(clearance > 0):
-            raise ArgumentError("a point lies in the winding of a coil")
+            raise ArgumentError("a point is in the winding of a coil")
         found = np.empty((2, *q.shape))
         far = np.flatnonzero(clearance > _FAR * math.hypot(self.outer, self.length))
         size = _CHUNK // math.prod(_LOOPS)

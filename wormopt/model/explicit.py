@@ -161,7 +161,7 @@ class Explicit:
             events = [s.name for s in model.switches]
             raise ArgumentError(
                 f"{model.name} has switches {events}, at which its states may jump; "
-                "python-control knows none: use simulate"
+                "python-control does not support these: use simulate"
             )
         check_number("v_reg", v_reg, above=0.0)
         numbers = signal_values(model.p, p, "parameter")

@@ -154,7 +154,7 @@ def symbols_of(law: object) -> dict[str, ca.SX]:
 def check_numbers(law: Any, optional: Sequence[str] = ()) -> None:
     """Refuse fields that are neither numbers nor symbols, a list for instance.
 
-    Those that are `optional` may be None.
+    Names in `optional` may be None.
     """
     for name, value in fields_of(law).items():
         if isinstance(value, float) or (value is None and name in optional):  # the usual case first
@@ -165,8 +165,8 @@ def check_numbers(law: Any, optional: Sequence[str] = ()) -> None:
         scalar = value.is_scalar() if isinstance(value, ca.SX) else isinstance(value, Real)
         if not scalar or isinstance(value, bool):
             raise ArgumentError(
-                f"{name} must be a number, not {value!r:.60}; for masses that differ, write a "
-                "list of laws"
+                f"{name} must be a number, not {value!r:.60}; write one law "
+                "per mass for masses that differ"
             )
 
 

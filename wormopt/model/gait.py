@@ -44,7 +44,7 @@ class Gait:
     cosine, sine : array_like, shape (pieces, n), optional
         Its amplitudes.
     warnings : tuple of str, optional
-        What to know about the file that it was read from.
+        Warnings about the file that the gait was read from.
 
     Raises
     ------
@@ -116,7 +116,7 @@ class Gait:
         Parameters
         ----------
         piece : int
-            Which piece.
+            Index of the piece.
         s : ndarray, shape (m,)
             Times since the piece began.
         derivative : int, optional

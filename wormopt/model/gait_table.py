@@ -59,7 +59,7 @@ def read_gait(
     if not columns:
         there = ", ".join(table.values)
         raise ArgumentError(
-            f"{path.name} has no column of lengths besides the times, only {there}; write a "
+            f"{path.name} has no column of lengths, only {there}; write a "
             f"header t,l_0,l_1,... and at least {_FEWEST_ROWS} rows"
         )
     # faults of other columns do not matter
@@ -68,7 +68,7 @@ def read_gait(
             raise ArgumentError(f"{path.name}{what}")
     for name in columns:
         if name in table.texts:
-            raise ArgumentError(f"{path.name}: column {name} holds text, no numbers; remove it")
+            raise ArgumentError(f"{path.name}: column {name} contains text; write numbers")
     try:
         factors = [_factor(time, "s", table, units)]
         factors += [_factor(name, "m", table, units) for name in columns]
@@ -122,7 +122,7 @@ def _cycle(text: str) -> float:
     except ValueError:
         found = math.nan
     if not found > 0 or math.isinf(found):
-        raise ArgumentError(f': "{text}" in a remark is no cycle; write a number above 0')
+        raise ArgumentError(f': "{text}" in a remark is not a cycle; write a number above 0')
     return found
 
 
@@ -130,7 +130,7 @@ def _size(unit: str, wanted: str, units: str) -> float:
     if unit in ("", "1"):
         return 1.0
     if units != "SI":
-        raise ArgumentError(f'a unit, "{unit}", in a scene without; write units = "SI", or no unit')
+        raise ArgumentError(f'the unit "{unit}" needs an SI scene; write units = "SI", or no unit')
     what = "time" if wanted == "s" else "length"
     example = '"s" or "ms"' if wanted == "s" else '"m" or "mm"'
     try:
@@ -138,7 +138,7 @@ def _size(unit: str, wanted: str, units: str) -> float:
     except ValueError as error:
         raise ArgumentError(f'"{unit}" {error}; write {example}') from None
     if dimension != {wanted: 1} or size <= 0:
-        raise ArgumentError(f'"{unit}" is no unit of {what}; write {example}, or remove the column')
+        raise ArgumentError(f'"{unit}" is not a unit of {what}; write {example}')
     return float(size)
 
 
@@ -184,11 +184,11 @@ class _Rows:
         sizes = np.abs(values)
         far = np.argwhere((sizes > _LARGEST) | ((sizes > 0) & (sizes < 1 / _LARGEST)))
         if far.size:
-            what = f"is no size of a worm; numbers go from {1 / _LARGEST:g} to {_LARGEST:g}"
+            what = f"is too small or too large; write {1 / _LARGEST:g} to {_LARGEST:g}"
             self._refuse(values, far[0], what)
         low = np.argwhere((values <= 0) & (np.arange(values.shape[1]) > 0))
         if low.size:
-            self._refuse(values, low[0], "is no length of a link, which must be positive")
+            self._refuse(values, low[0], "is not a length; write a positive number")
 
     def _refuse(self, values: np.ndarray, place: np.ndarray, what: str) -> NoReturn:
         row, column = place
@@ -203,7 +203,7 @@ class _Rows:
         if end >= cycle * (1 - _CLOSED):
             return replace(self, t=np.append(t[:-1], cycle))
         if cycle - end > 2 * np.diff(t).max():
-            what = f"rows end at {end:g}, the cycle at {cycle:g}; write rows up to its end"
+            what = f"rows end at {end:g}, but the cycle at {cycle:g}; write rows up to its end"
             raise ArgumentError(f" line {self.lines[-1]}: {what}")
         lengths = np.hstack([self.lengths, self.lengths[:, :1]])
         return replace(
@@ -224,8 +224,8 @@ class _Rows:
             link = int(apart.argmax())
             raise ArgumentError(
                 f" line {lines[-1]}, column {self.names[link]}: {lengths[link, -1]:g}, where the "
-                f"first row has {lengths[link, 0]:g}; the last row must repeat the first: one "
-                "closed period"
+                f"first row has {lengths[link, 0]:g}; write one closed period: the last row "
+                "repeats the first"
             )
         lengths[:, -1] = lengths[:, 0]
         # in tables of pandas breaks may differ in the last digit
@@ -235,8 +235,8 @@ class _Rows:
             before, after = lengths[:, k], lengths[:, k + 1]
             if np.any(np.abs(after - before) > free):
                 raise ArgumentError(
-                    f" line {lines[k + 1]}: time {t[k]:g} occurs twice, and the lengths jump; "
-                    "times must ascend, each once but for breaks of the rates"
+                    f" line {lines[k + 1]}: time {t[k]:g} occurs twice with different lengths; "
+                    "only rates may jump: write each time once"
                 )
             lengths[:, k] = lengths[:, k + 1] = np.where(np.isnan(before), after, before)
         if np.any(np.diff(near) == 1):

@@ -78,7 +78,7 @@ def whole(name: str, value: object, least: int) -> int:
     """Whole number from `least` on, which may be written 1e4; ArgumentError if it is none."""
     number = plain(value)
     if not is_number(number, least) or number != int(number):
-        wanted = f"a whole number from {least} on"
+        wanted = f"a whole number, {least} or above"
         raise ArgumentError(f"{name} must be {wanted}, not {value!r:.60}")
     return int(number)
 
@@ -113,13 +113,13 @@ def names_in(what: str, given: str | Iterable[str]) -> list[str]:
 def check_kind(name: str, value: object, kind: type) -> None:
     """Raise ArgumentError if the argument called `name` is not of this kind."""
     if not isinstance(value, kind):
-        raise ArgumentError(f"{name}: not {value!r:.60}; give a {kind.__name__}")
+        raise ArgumentError(f"{name} must be of type {kind.__name__}, not {value!r:.60}")
 
 
 def check_kinds(name: str, values: object, kind: type) -> None:
     """Raise ArgumentError if the argument called `name` is no list of things of this kind."""
     if not isinstance(values, list | tuple) or not all(isinstance(one, kind) for one in values):
-        raise ArgumentError(f"{name}: not {values!r:.60}; give a list of {kind.__name__}")
+        raise ArgumentError(f"{name} must be a list of {kind.__name__}, not {values!r:.60}")
 
 
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool = True) -> Iterator[Fault]:

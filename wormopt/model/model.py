@@ -35,8 +35,8 @@ def _symbolic(whose: str, what: str, given: object, *, pure: bool = False) -> No
     """Refuse names and numbers in place of expressions; `pure`: expressions in place of symbols."""
     if not isinstance(given, ca.SX):
         raise ArgumentError(
-            f"{whose}: {what} must be an expression of CasADi's SX symbols, ca.SX.sym({what!r}) "
-            f"say, not {given!r}"
+            f"{whose}: {what} must be an expression of CasADi's SX symbols, for example "
+            f"ca.SX.sym({what!r}), not {given!r}"
         )
     if pure and not (given.is_valid_input() and given.is_column()):
         raise ArgumentError(
@@ -49,7 +49,7 @@ def _check_column(whose: str, what: str, given: ca.SX, size: int, things: str) -
     if given.shape != (size, 1) and not given.numel() == size == 0:
         raise ArgumentError(
             f"{whose}: {what} must be a column of {size}, one for each {things}, not of the shape "
-            f"{given.shape}; stack it by ca.vertcat"
+            f"{given.shape}; stack it with ca.vertcat"
         )
 
 
@@ -63,7 +63,7 @@ def _check_names(whose: str, what: str, names: Sequence[str]) -> None:
 
 def _check_quantity(whose: str, unit: object) -> None:
     if not isinstance(unit, str):
-        raise ArgumentError(f'the unit of {whose!r} is {unit!r}; write a quantity, "length" say')
+        raise ArgumentError(f'the unit of {whose!r} is {unit!r}; write for example "length"')
     check_quantity(whose, unit)
 
 
@@ -126,7 +126,7 @@ class Signal:
             if not is_number(bound, -math.inf, math.inf):
                 raise ArgumentError(
                     f"{whose}: {what} must be a number, one for all entries, not {bound!r:.60}; "
-                    "leave it out where there is no bound"
+                    "leave it out if there is no bound"
                 )
         if not self.lower <= self.upper:
             raise ArgumentError(
@@ -207,7 +207,7 @@ class Output:
         if self.expression.numel() and not self.expression.is_column():
             raise ArgumentError(
                 f"output {self.name}: expression must be a column, not of the shape "
-                f"{self.expression.shape}; write ca.vec of it"
+                f"{self.expression.shape}; use ca.vec"
             )
         _check_quantity(self.name, self.unit)
 
@@ -265,7 +265,7 @@ class Contact:
         if isinstance(law, type) or not hasattr(law, "slip_force"):  # both kinds of laws have it
             given = f"the class {law.__name__}" if isinstance(law, type) else f"{law!r:.60}"
             raise ArgumentError(
-                f"{whose}: law must be a friction law, Coulomb(1.0, 10.0) say, not {given}"
+                f"{whose}: law must be a friction law such as Coulomb(1.0, 10.0), not {given}"
             )
         _symbolic(whose, "velocity", self.velocity)
         _symbolic(whose, "force", self.force, pure=True)
@@ -279,10 +279,10 @@ class Contact:
                     raise ArgumentError(f"{whose}: {what} must be a scalar, not {given!s:.60}")
         shape = (2, 1) if self.planar else (1, 1)
         if self.velocity.size() != shape or self.force.size() != shape:
-            be = "columns of 2, its law is one in the plane" if self.planar else "scalars"
+            be = "columns of 2, because its law is planar" if self.planar else "scalars"
             raise ArgumentError(f"contact {self.name}: velocity and force must be {be}")
         if self.planar and (self.gap is not None or self.normal_force is not None):
-            raise ArgumentError(f"contact {self.name}: walls take laws along a line")
+            raise ArgumentError(f"contact {self.name}: a wall needs a law along a line")
 
     @property
     def planar(self) -> bool:
@@ -297,7 +297,7 @@ class Switch:
     Parameters
     ----------
     name : str
-        What happens.
+        Name of the event.
     guard : casadi.SX
         Scalar expression that rises through 0 at the event; continuous, but for what schedules,
         impulses and other switches do to it.
@@ -352,12 +352,12 @@ class Model:
     """A worm as a differential(-algebraic) system with contacts.
 
     x' = ode(t, x, z, u, p, contact forces), 0 = alg(t, x, z, u, p). The ode is affine in the
-    contact forces. Which treatment the contacts get is the solver's choice, never the model's.
+    contact forces. The solver chooses the treatment of contacts, not the model.
 
     Parameters
     ----------
     name : str
-        What it is.
+        Name of the model.
     x : sequence of Signal
         States.
     ode : casadi.SX
@@ -367,17 +367,17 @@ class Model:
     alg : casadi.SX, optional
         Column of algebraic equations for ``z``.
     t : casadi.SX, optional
-        Symbol of time, where the model depends on it.
+        Symbol of time, if the model depends on it.
     outputs : sequence of Output, optional
-        What a user wants to see or bound.
+        Expressions that users see or bound.
     contacts : sequence of Contact, optional
-        Where it touches the ground.
+        Contacts with the ground.
     switches : sequence of Switch, optional
         Discrete events.
     schedules : sequence of Schedule, optional
         Symbols that are constant on pieces of time.
     delays : sequence of Delay, optional
-        Symbols that are signals of the past. Who only knows equations without delay refuses them.
+        Symbols that are past values of signals; methods without delays refuse them.
 
     Raises
     ------
@@ -470,7 +470,7 @@ class Model:
             return
         name = next(c.name for c in self.contacts if ca.depends_on(c.velocity, forces))
         raise ArgumentError(
-            f"contact {name}: velocity contains forces of contacts; write it by the states"
+            f"contact {name}: velocity depends on contact forces; write it in terms of the states"
         )
 
     def check_laws(self) -> None:
@@ -522,7 +522,7 @@ class Model:
         Parameters
         ----------
         what : str
-            What does not know them.
+            Method that does not support delays.
 
         Raises
         ------
@@ -578,7 +578,7 @@ class Model:
         ends = np.cumsum([0, *(s.size for s in self.x)]).tolist()
         even = half in ends and 2 * half == self.n_x
         if not even or not ca.is_equal(ca.densify(self.ode[:half]), x[half:]):
-            raise ArgumentError(f"{self.name}: states must be places, then their rates")
+            raise ArgumentError(f"{self.name}: states must be coordinates, followed by their rates")
         return tuple(self.x[: ends.index(half)])
 
     def breaks(self, end: float) -> np.ndarray:
@@ -659,8 +659,8 @@ class Model:
 
 _NONE = ca.SX(0, 1)
 _OWNERS = (
-    "give them to the Model in x, z, u or p, as t, or by their schedules, delays or contacts; "
-    "dataclasses.replace takes them together with what holds them"
+    "add them to the Model in x, z, u, p or t, or with their schedules, delays or contacts; "
+    "with dataclasses.replace, replace both together"
 )
 # Symbols named in a message.
 _NAMED = 5
@@ -724,5 +724,5 @@ def lie(model: Model, expression: ca.SX) -> ca.SX:
     Raises ArgumentError if it contains delayed signals, whose rates the model does not know.
     """
     if ca.depends_on(expression, pack(model.delays)):
-        raise ArgumentError(f"{model.name}: rates of signals of the past are not known")
+        raise ArgumentError(f"{model.name}: rates of delayed signals are unknown")
     return ca.jtimes(expression, pack(model.x), model.ode) + ca.jacobian(expression, model.t)

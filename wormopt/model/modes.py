@@ -38,16 +38,16 @@ class ModeSequence(Frozen):
         given = self.phases
         if not (isinstance(given, tuple) and given and all(isinstance(p, tuple) for p in given)):
             raise ArgumentError(
-                "phases must be lists of the states of all contacts, one for each phase, "
-                f"((0, 1), (1, 0)) say, not {given!r:.60}"
+                "phases must be lists of the states of all contacts, one for each phase, for "
+                f"example ((0, 1), (1, 0)), not {given!r:.60}"
             )
         if len(set(map(len, given))) > 1:
             raise ArgumentError(
-                "phases must be over one and the same set of contacts, with a state for each, not "
+                "all phases must have the same number of contacts, with a state for each, not "
                 f"{given!r:.60}"
             )
         if not all(one in (0, 1, -1) for phase in given for one in phase):
-            raise ArgumentError(f"the state of a contact is 0, +1 or -1, not as in {given!r:.60}")
+            raise ArgumentError(f"states of contacts must be 0, +1 or -1, not as in {given!r:.60}")
         object.__setattr__(self, "phases", tuple(tuple(map(int, phase)) for phase in given))
 
     @classmethod

@@ -114,8 +114,8 @@ class _Ellipse:
         for name in ("forward", "backward", "sideways"):
             if not positive(getattr(self, name)):
                 raise ArgumentError(
-                    f"{name} must be positive; ground that does not resist one way is a Spike or "
-                    "Coulomb's law along, and another contact across"
+                    f"{name} must be positive; for a direction without resistance write two "
+                    "contacts, one along and one across, each with Coulomb or Spike"
                 )
 
     def along(self, v_t: ca.SX) -> ca.SX:

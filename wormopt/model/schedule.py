@@ -205,7 +205,7 @@ def piecewise_constant(
     """
     mean, spread = _columns(mean, spread)
     if not np.all((spread >= 0) & (spread < mean) & np.isfinite(mean)):
-        raise ArgumentError("a random parameter stays positive only with 0 <= spread < mean")
+        raise ArgumentError("a random parameter needs 0 <= spread < mean, to stay positive")
     breaks = _grid(interval, horizon, "interval")
     values = rng.uniform(mean - spread, mean + spread, (len(breaks) - 1, len(mean)))
     return ParameterPath(breaks, values[:, :, None])
@@ -271,9 +271,9 @@ class Delay:
         Column of m expressions of time, states, parameters and schedules, without contact forces
         and without other delays.
     lag : float or casadi.SX
-        How long ago, positive; a number, or an expression of the model's parameters.
+        Lag, positive: a number, or an expression of the model's parameters.
     before : casadi.SX, optional
-        What the signal was before the start, a column of m expressions of time and parameters.
+        Values of the signal before the start: a column of m expressions of time and parameters.
         If left out it was what it is at the start.
 
     Raises

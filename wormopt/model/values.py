@@ -86,7 +86,7 @@ def check_names(given: object, known: Sequence[str], what: str) -> None:
     """
     if not isinstance(given, Mapping):
         example = f"{{{known[0] if known else 'name'!r}: ...}}"
-        raise ArgumentError(f"write each {what} by its name, {example}, not {type(given).__name__}")
+        raise ArgumentError(f"write {what}s by name, {example}, not {type(given).__name__}")
     unknown = [name for name in given if name not in known]
     if unknown:
         raise UnknownNameError("the model", what, unknown, known)
@@ -116,7 +116,7 @@ def signal_values(
     for signal, size in zip(signals, sizes, strict=True):
         value = given.get(signal.name, fill if signal.value is None else signal.value)
         if value is None:
-            raise ArgumentError(f"{what} {signal.name} has no value; give one")
+            raise ArgumentError(f"{what} {signal.name} has no value; write one")
         array = column(f"{what} {signal.name}", value, size)
         signal.check(array)
         stacked[at : at + size] = array

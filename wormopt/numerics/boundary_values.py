@@ -180,7 +180,7 @@ def solve_boundary(
         equations = _Equations(problem, degree)
         z = equations.solved(_packed(lambda s, f=found: (f.at(s), f.p), equations), path[-1])
         if z is None:
-            raise SolveError("the solution is lost on a finer mesh", code="unresolved")
+            raise SolveError("no solution was found on a finer mesh", code="unresolved")
     if found.tail > tolerance:
         raise SolveError(
             f"polynomials of the degree {degree} do not resolve the solution", code="unresolved"
@@ -204,7 +204,7 @@ def _followed(
         if found is None:
             step /= 2
             if step < _LEAST_MOVE:
-                raise SolveError(f"the solution was lost after {share:.3g} of the way", code="lost")
+                raise SolveError(f"the continuation ended at {share:.3g} of the path", code="lost")
             continue
         slope, z, share = (found - z) / step, found, share + step
         step *= 1.5

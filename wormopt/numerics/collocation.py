@@ -29,7 +29,7 @@ class Collocation:
     Raises
     ------
     ArgumentError
-        If the degree is no whole number from 1 on or the scheme unknown.
+        If the degree is not a whole number above 0, or the scheme is unknown.
 
     Examples
     --------

@@ -50,7 +50,7 @@ def connected(workers: int | None, scheduler: str) -> Iterator[Cluster]:
             client: Any = Client(own or scheduler, timeout=_PATIENCE, set_as_default=False)
         except Exception as error:  # any error of its network
             what = f"no Dask scheduler answers at {scheduler!r} ({error})"
-            raise ArgumentError(f"{what}; write its address, tcp://host:8786 say") from error
+            raise ArgumentError(f"{what}; write its address, such as tcp://host:8786") from error
         try:
             count = sum(client.nthreads().values())
             if not count:

@@ -38,7 +38,7 @@ def instructions_of(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
     tokens = [_PLACE.findall(lines[k]) for k in examples]
     counts = np.array([len(each) for each in tokens], dtype=np.int64)[kind]
     if counts.sum() != len(numbers):
-        raise ValueError(f"the listing of {function.name()} is not understood")
+        raise ValueError(f"the instructions of {function.name()} cannot be read")
     starts = np.cumsum(counts) - counts
     operations = np.array([function.instruction_id(k) for k in examples], dtype=np.int64)[kind]
     places = np.full((len(kinds), 3), -1)

@@ -38,7 +38,7 @@ class Smooth:
         if not (is_number(self.v_reg, 0.0) and self.v_reg > 0):
             raise ArgumentError(
                 f"v_reg must be positive and finite, not {self.v_reg!r:.60}; for the limit "
-                "v_reg = 0 take Exact()"
+                "v_reg = 0 use Exact()"
             )
 
 
@@ -58,16 +58,16 @@ Treatment = Smooth | Exact
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Accuracy of each step, and limits of work.
+    """Accuracy of each step, and limits of the number of steps.
 
     Parameters
     ----------
     relative : float, optional
         Error of a step against the size of a state.
     absolute : float, optional
-        The same against the state's nominal size.
+        Error of a step against the state's nominal size.
     max_steps : int, optional
-        Steps after which the run is given up.
+        Largest number of steps.
     max_step : float, optional
         Longest step; a fiftieth of the time if left out.
     stop : float, optional
@@ -106,7 +106,7 @@ class Tolerance:
         if self.max_step is not None and not self.max_step > 0:
             raise ArgumentError("max_step must be positive")
         if self.stop is not None and not 0 < self.stop <= 1e-3:
-            raise ArgumentError("stop must be positive, and 1e-3 at most")
+            raise ArgumentError("stop must be positive and at most 1e-3")
 
 
 Recheck = bool | Literal["independent"]

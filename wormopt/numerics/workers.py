@@ -48,7 +48,7 @@ class Engine:
     name : {"processes", "serial", "dask"}
         Processes of this machine, this process alone, or a Dask cluster.
     workers : int, optional
-        How many; one per processor if left out. A cluster that is there has its own.
+        Number of workers; one per processor if left out. An existing cluster has its own.
     scheduler : str
         Address of a Dask cluster that is there, "tcp://node7:8786" say; without one a cluster
         of processes is made for the time being.
@@ -66,7 +66,7 @@ class Engine:
 
     def __post_init__(self) -> None:
         if self.name not in get_args(EngineName):
-            raise ArgumentError(f"engine is one of {get_args(EngineName)}, not {self.name!r}")
+            raise ArgumentError(f"engine must be one of {get_args(EngineName)}, not {self.name!r}")
         if self.workers is not None and self.workers < 1:
             raise ArgumentError(f"workers must be 1 or more, not {self.workers}")
 
@@ -183,7 +183,7 @@ class Workers:
             if _cluster is None or not isinstance(error, _cluster.lost):
                 raise
             what = f"the Dask cluster lost a job ({type(error).__name__})"
-            raise SolveError(what, "run again: what is done is kept", code="lost") from error
+            raise SolveError(what, "run it again; finished work is kept", code="lost") from error
         self._died = 0
         return answer
 

@@ -317,7 +317,7 @@ def _refuse_planar(model: Model, treatment: str) -> None:
     planar = [c.name for c in model.contacts if isinstance(c.law, PlanarLaw)]
     if planar:
         raise ArgumentError(
-            f"contact {planar[0]} moves in the plane, which {treatment} does not treat; take "
+            f"contact {planar[0]} moves in the plane, which {treatment} does not support; use "
             "Regularised(), or two contacts with laws along a line"
         )
 

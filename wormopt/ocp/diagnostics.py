@@ -112,15 +112,15 @@ def failure(
     if solution.status == "Invalid_Number_Detected" or not np.all(np.isfinite(start)):
         return SolveError(
             "the equations have no finite value at the first guess or near it",
-            "give another guess",
+            "write another guess",
             partial,
             "bad_guess",
         )
     if solution.late:
         return SolveError(
-            f"not solved in the time given to a solve: {_worst(program, solution, bounds)} after "
+            f"not solved within the time limit: {_worst(program, solution, bounds)} after "
             f"{solution.iterations} iterations",
-            "give it more seconds, or fewer arcs",
+            "allow more time, or use fewer arcs",
             partial,
             "late",
         )
@@ -129,7 +129,7 @@ def failure(
         # The sizes are a local optimum at the last solved level: two digits are reliable.
         listed = " and ".join(f"{name} by about {size:.2g}" for name, size in gives.items())
         return SolveError(
-            f"no motion meets all limits; the least that has to give way is {listed}",
+            f"no motion meets all limits; the smallest change that allows one is {listed}",
             "relax that, or a limit in conflict with it",
             partial,
             "infeasible",
@@ -139,7 +139,7 @@ def failure(
         or solution.status == "Diverging_Iterates"
     ):
         return SolveError(
-            "the objective falls without bound",
+            "the objective decreases without bound",
             "limit the inputs, the states or the duration",
             partial,
             "unbounded",
@@ -219,8 +219,8 @@ def _levels_from(
 def _worst(program: Transcription, solution: Solution, bounds: Bounds) -> str:
     """The largest violation, in words."""
     if solution.violation <= FEASIBLE:
-        return "all limits hold, but the objective is not at its least"
+        return "all limits hold, but the objective is not minimal"
     g = program.nlp.constraints(solution.w, bounds)
     excess = np.maximum(bounds.lbg - g, g - bounds.ubg)
     row = int(np.argmax(excess))
-    return f"{program.name_of(row)} is off by {excess[row]:.2g} nominal sizes"
+    return f"{program.name_of(row)} is violated by {excess[row]:.2g} nominal sizes"

@@ -68,8 +68,8 @@ class Mesh:
         fit = shares.shape == (self.total,) and np.all((shares > 0) & (shares < np.inf))
         if not fit or np.any(np.abs(np.bincount(self.phase, shares) - 1) > _ROUNDING):
             raise ArgumentError(
-                f"shares must be positive numbers, one for each of {self.total} arcs, those of a "
-                f"phase with the sum 1, not {self.shares!r:.60}; Mesh.even makes equal ones"
+                f"shares must be positive numbers, one for each of {self.total} arcs, with sum 1 "
+                f"in each phase, not {self.shares!r:.60}; Mesh.even makes equal ones"
             )
         object.__setattr__(self, "shares", tuple(shares.tolist()))
 

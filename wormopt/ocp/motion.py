@@ -29,27 +29,27 @@ Curve = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Guess:
-    """Start of a solver: curves over one motion.
+    """First guess of a solver: curves over one motion.
 
     Parameters
     ----------
     duration : float
-        How long it takes.
+        Duration of the motion.
     states : callable
         States at times from 0 to ``duration``.
     inputs : callable, optional
-        Inputs; zero where there is none.
+        Inputs; zero if left out.
     forces : callable, optional
-        Contact forces; zero where there is none.
+        Contact forces; zero if left out.
     phases : ndarray, shape (phases,), optional
-        Durations of the phases; equal parts where nothing is said.
+        Durations of the phases; equal if left out.
     algebraic : callable, optional
-        Algebraic variables; zero where there is none.
+        Algebraic variables; zero if left out.
 
     Raises
     ------
     ArgumentError
-        If the duration is not positive and finite, a curve is no function, or phases are no
+        If the duration is not positive and finite, a curve is not a function, or phases are not
         durations.
 
     Examples
@@ -155,11 +155,11 @@ class Motion(SampledMotion):
     Parameters
     ----------
     program : Transcription
-        What it solves.
+        The transcribed problem.
     arcs : Arcs
         The motion arc by arc.
     level : ndarray, shape (N, n_level)
-        What the treatment of contacts took, per arc.
+        Levels of the treatment of contacts, per arc.
     schedules : ndarray, shape (N, n_schedules)
         Values of the model's schedules, per arc.
     p : ndarray, shape (n_p,)

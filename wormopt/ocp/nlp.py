@@ -111,7 +111,7 @@ class Ipopt:
             check_number(name, getattr(self, name), above=0.0)
         if self.tolerance >= 1.0:
             raise ArgumentError(
-                f"tolerance must be below 1, not {self.tolerance:g}; the count is iterations"
+                f"tolerance must be below 1, not {self.tolerance:g}; iterations limits their number"
             )
         object.__setattr__(self, "iterations", whole("iterations", self.iterations, 1))
         if self.seconds is not None:
@@ -388,7 +388,7 @@ def _solver(
     nlp: dict[str, Any] | ca.Function, options: Solver, derivatives: dict[str, Any]
 ) -> ca.Function:
     if not ca.has_nlpsol(options.name):
-        raise ArgumentError(f"this CasADi has no NLP solver {options.name!r}; take 'ipopt'")
+        raise ArgumentError(f"this CasADi has no NLP solver {options.name!r}; use 'ipopt'")
     return ca.nlpsol("solver", options.name, nlp, options.as_casadi() | derivatives)
 
 

@@ -62,7 +62,7 @@ def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Me
     Raises ArgumentError if durations of arcs are free.
     """
     if mesh.shares is None:
-        raise ArgumentError("arcs of free duration are not split; use Mesh.even")
+        raise ArgumentError("arcs of free duration cannot be split; use Mesh.even")
     # an arc's own error decreases with one power more than the sum over all arcs
     order = mesh.collocation.degree + 1
     parts = np.clip(np.ceil((defect / tolerance) ** (1 / order)), 1, most).astype(int)
@@ -109,11 +109,11 @@ class Optimum:
     motion : Motion
         The motion.
     solution : Solution
-        How the last nonlinear program ended.
+        Solution of the last nonlinear program.
     levels : tuple of Level
         All solves, in order.
     treatment : Regularised, Complementarity or FixedModes
-        How contacts were treated.
+        Treatment of contacts.
     build_s : float
         Seconds to build the program and its derivatives.
     bounds : Bounds
@@ -258,11 +258,11 @@ def optimise(
     Parameters
     ----------
     problem : Problem
-        What to optimise.
+        The problem.
     mesh : Mesh
         Phases, arcs and polynomials.
     treatment : Regularised, Complementarity or FixedModes
-        How contacts are treated, and through which levels.
+        Treatment of contacts, with its levels.
     guess : Guess
         From where to start: a `Motion.guess`, a simulation's curves, or any.
     p : mapping of str to array_like, optional
@@ -324,8 +324,7 @@ def optimise(
     """
     if not isinstance(treatment, Contacts):
         raise ArgumentError(
-            "contact in an optimisation is Regularised, Complementarity or FixedModes, not "
-            f"{treatment}"
+            f"contact must be Regularised, Complementarity or FixedModes, not {treatment}"
         )
     solver = solver or Ipopt()
     begin = time.perf_counter()
@@ -541,11 +540,11 @@ def optimise_multistart(
     Parameters
     ----------
     problem : Problem
-        What to optimise.
+        The problem.
     mesh : Mesh
         Phases, arcs and polynomials.
     treatment : Regularised, Complementarity or FixedModes
-        How contacts are treated.
+        Treatment of contacts.
     guesses : iterable of Guess
         Where to start.
     p : mapping of str to array_like, optional

@@ -32,7 +32,7 @@ class Constraint:
     Parameters
     ----------
     name : str
-        What it limits, as a user would say it; infeasible problems are explained by it.
+        Name of the limited quantity, used in messages about infeasible problems.
     expression : casadi.SX
         Scalar or column of the problem's symbols.
     lower, upper : array_like, optional
@@ -68,7 +68,7 @@ class Constraint:
         if not self.expression.is_column():
             raise ArgumentError(
                 f"{whose}: expression must be a column, not of the shape {self.expression.shape}; "
-                "write ca.vec of it"
+                "use ca.vec"
             )
         make_plain(self, "nominal")
         for side in ("lower", "upper"):
@@ -87,8 +87,8 @@ class Constraint:
                     "smaller number as lower"
                 )
             raise ArgumentError(
-                f"{whose}: no number is between {low:g} and {high:g}{where}; write numbers, and "
-                "leave out lower or upper where there is no limit"
+                f"{whose}: there is no number between {low:g} and {high:g}{where}; write "
+                "numbers, and leave out lower or upper if there is no limit"
             )
 
     @property
@@ -163,7 +163,7 @@ class Ends:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """An optimal-control problem; it knows nothing of meshes, modes or solvers.
+    """An optimal-control problem, independent of meshes, modes and solvers.
 
     Parameters
     ----------
@@ -183,13 +183,13 @@ class Problem:
     integrands : casadi.SX, optional
         Column of expressions along the way; their integrals are ``ends.integrals``.
     path_constraints : sequence of Constraint, optional
-        Bounds at every instant, in states, inputs, slacks, contact forces, parameters.
+        Bounds at every time, on states, inputs, slacks, contact forces, parameters.
     boundary_constraints : sequence of Constraint, optional
         Bounds in the symbols of ``ends``.
     slacks : sequence of Signal, optional
         Free functions of time without equations (epigraphs of max and absolute value).
     design : sequence of Signal, optional
-        Constants to choose along with the motion; bounded by their Signal. Those in the model's
+        Constants optimised with the motion, bounded by their Signal. Those in the model's
         equations are also among its ``p``.
     sharing : callable, optional
         Maps the column of sticking flags (0 or 1 per contact) to a column, one row per contact,
@@ -284,8 +284,8 @@ class Problem:
         pair = tuple(given) if isinstance(given, Sequence | np.ndarray) else ()
         if len(pair) != 2 or not all(is_number(end, TINY) for end in pair):
             raise ArgumentError(
-                "duration must be a positive range, the shortest and the longest, "
-                f"(0.1, 10.0) say, not {given!r:.60}"
+                "duration must be a positive range (shortest, longest), "
+                f"for example (0.1, 10.0), not {given!r:.60}"
             )
         if pair[0] > pair[1]:
             raise ArgumentError(
@@ -299,23 +299,23 @@ class Problem:
         n_x, ends = self.model.n_x, self.ends
         if ends.start.numel() != n_x or ends.end.numel() != n_x:
             raise ArgumentError(
-                f"ends are of {ends.start.numel()} states, and {self.model.name} has {n_x}; write "
+                f"ends have {ends.start.numel()} states, but {self.model.name} has {n_x}; write "
                 "Ends.of(model, number of integrals)"
             )
         for what, example in (("minimise", "ends.duration"), ("integrands", "ca.vertcat(u**2)")):
             given = getattr(self, what)
             if not isinstance(given, ca.SX):
                 raise ArgumentError(
-                    f"{what} must be an expression of CasADi's SX symbols, {example} say, not "
+                    f"{what} must be an expression of CasADi's SX symbols, such as {example}, not "
                     f"{given!r:.60}"
                 )
         if not self.minimise.is_scalar() or not self.minimise.numel():
-            raise ArgumentError(f"minimise must be a scalar, not of {self.minimise.shape}")
+            raise ArgumentError(f"minimise must be a scalar, not of shape {self.minimise.shape}")
         rows, known = self.integrands.numel(), ends.integrals.numel()
         used = rows or any(ca.depends_on(one, ends.integrals) for _, one in self._at_ends())
         if used and rows != known:
             raise ArgumentError(
-                f"{rows} integrands, and ends of {known} integrals; write Ends.of(model, {rows})"
+                f"{rows} integrands, but ends with {known} integrals; write Ends.of(model, {rows})"
             )
 
     def _at_ends(self) -> Iterator[tuple[str, ca.SX]]:
@@ -329,9 +329,9 @@ class Problem:
             yield f"path constraint {bound.name!r}", bound.expression
 
 
-_ENDS = "write them by ends.start, ends.end, ends.duration, ends.integrals, design or parameters"
+_ENDS = "write them with ends.start, ends.end, ends.duration, ends.integrals, design or parameters"
 _ALONG = (
-    "give them to the Model (a reference by schedules=[*model.schedules, *reference.schedules]), "
+    "add them to the Model (a reference with schedules=[*model.schedules, *reference.schedules]), "
     "or to slacks or design"
 )
 
@@ -383,7 +383,7 @@ def _refuse_contradictions(problem: Problem) -> None:
     listed = [repr(name) for name in dict.fromkeys(names[kept].tolist())]
     if len(listed) > 1:  # a solve explains one that contradicts only the duration
         raise ArgumentError(
-            f"the constraints of the ends {' and '.join(listed)} contradict each other; change or "
+            f"the boundary constraints {' and '.join(listed)} contradict each other; change or "
             "leave out one of them"
         )
 
@@ -428,7 +428,7 @@ def ramped(plant: Model, slope: float) -> Model:
     Raises ArgumentError if the plant has another number of inputs.
     """
     if sum(signal.size for signal in plant.u) != 1:
-        raise ArgumentError(f"{plant.name} has not one scalar input")
+        raise ArgumentError(f"{plant.name} must have exactly one scalar input")
     (level,) = plant.u
     rate = ca.SX.sym(f"{level.name}_rate")
     steep = Signal(f"{level.name}_rate", rate, nominal=slope, lower=-slope, upper=slope, value=0.0)

@@ -173,8 +173,8 @@ def _weights(program: Transcription) -> np.ndarray:
     plain = not (ca.symvar(slope) or ca.depends_on(problem.minimise, others) or len(problem.design))
     if not (plain and arc.fixed_grid):
         raise ArgumentError(
-            "stages are of a problem of given duration on a mesh with shares, whose objective is "
-            "a weighted sum of integrals"
+            "predictive control needs a fixed duration, a mesh with shares, and an objective that "
+            "is a weighted sum of integrals"
         )
     equal, small, _, rows = (arc.function.size1_out(k) for k in range(4))
     inner = arc.layout.unknowns.stop - arc.layout.points.start
@@ -186,11 +186,11 @@ def _weights(program: Transcription) -> np.ndarray:
         or arc.layout.slacks.stop > (arc.layout.slacks.start)
     ):
         raise ArgumentError(
-            "stages take smooth contact, Regularised(v_reg), and no limits along the way but "
-            "those of inputs"
+            "predictive control needs smooth contact, Regularised(v_reg), and supports only limits "
+            "of inputs along the motion"
         )
     if equal != inner or mesh.input_degree:
-        raise ArgumentError("stages take inputs that are constant on each arc")
+        raise ArgumentError("predictive control needs inputs that are constant on each arc")
     return np.asarray(ca.DM(slope)).ravel()
 
 
@@ -229,7 +229,7 @@ class StageProgram:
 
     def __init__(self, stages: int, n_x: int, n_u: int) -> None:
         if not ca.has_conic(_SOLVER):
-            raise ArgumentError(f"this CasADi has no QP solver {_SOLVER!r}; take that of PyPI")
+            raise ArgumentError(f"this CasADi has no QP solver {_SOLVER!r}; install that of PyPI")
         # BLASFEO 0.1.4 solves n of n + 1 triangular equations wrongly where n is 3, 7, 11 ...
         # (dtrsv_ltn_mn): such stages get an idle input.
         self._idle = int(n_x == 1 and n_u % 4 == 3)

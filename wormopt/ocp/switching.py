@@ -217,7 +217,7 @@ def optimise_switching_times(
     found = sorted((f for f in found if _loss(f, relaxed) <= _FAMILIAR), key=lambda f: f.objective)
     if not found:
         raise SolveError(
-            "the contact modes read off the relaxed motion do not lead to an exact one",
+            "the contact modes of the relaxed motion do not lead to an exact motion",
             "use more arcs (mesh.arcs) or a smaller last level of the relaxed solve",
             None if error is None else error.partial,
             "no_phases",

@@ -134,7 +134,7 @@ class ProgramBounds:
         n, at, nominal = self.mesh.total, self.arc.layout, self.arc.time_nominal
         if self.arc.fixed_grid:
             if pins:
-                raise ArgumentError("on a fixed grid nothing is left to pin")
+                raise ArgumentError("a fixed grid has no phases to pin; leave out pins")
             duration = np.array(self.mesh.shares) * self.problem.duration[1]
             begin = np.concatenate([[0.0], np.cumsum(duration)[:-1]])
             lower[0] = upper[0] = duration / nominal
@@ -156,9 +156,9 @@ class ProgramBounds:
         """Times at which phases begin; schedules must not break at others."""
         times = {0: 0.0, **(pins or {})}
         if times[0] != 0.0:
-            raise ArgumentError("the first phase begins at 0; pin later ones")
+            raise ArgumentError("the first phase begins at 0; pin later phases only")
         if pins and not self.arc.timed:
-            raise ArgumentError("times of phases are pinned only where the model depends on time")
+            raise ArgumentError("the model does not depend on time; leave out pins")
         breaks = self.problem.model.breaks(self.problem.duration[1])[1:-1]
         loose = [t for t in breaks if not any(np.isclose(t, pin) for pin in times.values())]
         if loose:
@@ -196,7 +196,7 @@ class ProgramBounds:
             raise ArgumentError("prescribed contacts need a ModeSequence")
         if len(modes.phases) != self.mesh.phases:
             raise ArgumentError(
-                f"{len(modes.phases)} phases given, the mesh has {self.mesh.phases}"
+                f"modes has {len(modes.phases)} phases, but the mesh has {self.mesh.phases}"
             )
         states = modes.states[self.mesh.phase]  # (arcs, contacts)
         stick = states == 0

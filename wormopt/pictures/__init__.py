@@ -84,7 +84,7 @@ def draw(
     Parameters
     ----------
     result : Result
-        What to show.
+        The result to draw.
     picture : str
         Its name, as in the key `want` of scenes of this kind.
     path : path

@@ -54,7 +54,7 @@ class Page:
     Parameters
     ----------
     result : Result
-        What is shown.
+        The result shown.
     tall, slim : float
         Height in inches as wide as a page, and in one column, if not in proportion.
     units : tuple of str
@@ -444,7 +444,7 @@ class Animation:
     Parameters
     ----------
     frames : int
-        How many.
+        Number of frames.
     stage : callable
         Makes the page.
     pose : callable

@@ -200,7 +200,7 @@ class Backwards:
         if outcome.status != "done" or len(outcome.events) != len(kicks.time):
             raise SolveError(
                 f"the adjoint equation could not be followed back below t = {late - outcome.t:.6g}",
-                "loosen the tolerance, or take sensitivities forward in time",
+                "loosen the tolerance, or use simulate(..., sensitivities=[...])",
                 code=outcome.status,
             )
         summed = np.diff(outcome.samples[:, n_x:] / self._sizes, axis=0, prepend=0.0)
@@ -325,8 +325,8 @@ class Jump:
 
 def _not_understood(t: float) -> SolveError:
     return SolveError(
-        f"what happens at t = {t:.6g} has no derivative that the adjoint equation knows",
-        "take sensitivities forward in time",
+        f"the adjoint equation does not support the event at t = {t:.6g}",
+        "use simulate(..., sensitivities=[...])",
         code="unknown_jump",
     )
 

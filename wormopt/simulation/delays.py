@@ -43,13 +43,11 @@ def integrate_delayed(
     derivatives are requested.
     """
     if route == "cvodes" or task.system.model.alg.numel():
-        raise ArgumentError(
-            "implicit integrators keep no past, which delays need; write route = 'auto'"
-        )
+        raise ArgumentError("implicit integrators do not support delays; write route = 'auto'")
     if task.directions:
         raise ArgumentError(
-            f"{task.system.model.name} has signals of the past, whose derivatives are not known; "
-            "take differences of motions without sensitivities"
+            f"{task.system.model.name} has delays, which have no derivatives here; "
+            "use differences of motions without sensitivities"
         )
     pasts = [_Past(task, memory) for memory in task.system.memories]
     for past in pasts:
@@ -57,7 +55,7 @@ def integrate_delayed(
         if stretches > task.tolerance.max_steps:
             raise ArgumentError(
                 f"the lag {past.lag:g} of {past.memory.delay.name} cuts the time into "
-                f"{stretches:.3g} stretches, more than max_steps; take a longer lag"
+                f"{stretches:.3g} stretches, more than max_steps; write a longer lag"
             )
     return _Stretches(task, route, pasts).follow(report)
 
@@ -189,7 +187,7 @@ def _lag(task: InitialValueProblem, memory: Memory) -> float:
         try:
             function = ca.Function("lag", [known], [lag])
         except RuntimeError:
-            raise ArgumentError(f"the lag of {name} must be a matter of parameters") from None
+            raise ArgumentError(f"the lag of {name} must depend on parameters only") from None
         lag = float(function(task.p[: known.numel()]))
     if not 0 < lag < np.inf:
         raise ArgumentError(f"the lag of {name} must be positive and finite, not {lag:g}")
@@ -202,8 +200,8 @@ def _function(system: System, memory: Memory, signal: ca.SX) -> ca.Function:
         return ca.Function("signal", [t, pack(system.model.x), p], [ca.densify(signal)])
     except RuntimeError:
         raise ArgumentError(
-            f"the delay {memory.delay.name} must be of time, states, parameters and schedules, "
-            "not of contact forces or of what is delayed itself"
+            f"the delay {memory.delay.name} may depend on time, states, parameters and schedules, "
+            "but not on contact forces or delayed signals"
         ) from None
 
 

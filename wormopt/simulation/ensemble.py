@@ -148,23 +148,23 @@ def simulate_ensemble(
     Parameters
     ----------
     model : Model
-        What moves.
+        The model.
     span : float or (float, float)
         Last time, or first and last.
     members : sequence of Scenario
-        What differs.
+        Differences of each member from the model.
     contact : Exact or Smooth, optional
-        How contacts are treated.
+        Treatment of contacts.
     times : array_like, shape (m,), optional
         When to sample, alike for all; start and end if left out.
     tolerance : Tolerance, optional
-        How exact.
+        Tolerance of each simulation.
     route : {"auto", "native", "python", "radau", "cvodes"}, optional
-        How to integrate, see `simulate`.
+        Integrator, see `simulate`.
     sensitivities : sequence of str, or mapping, optional
         Along what every motion is differentiated, see `simulate`.
     threads : int, optional
-        How many at a time; as many as there are cores if left out.
+        Number of parallel runs; one per core if left out.
     give_up_after : int, optional
         If the first so many members all spend all their steps, the others are given up, but for
         those that other threads have ended by then.
@@ -201,7 +201,7 @@ def simulate_ensemble(
         if not isinstance(member, Scenario):
             raise ArgumentError(f"write each member as Scenario(p=..., x0=...), not {member!r}")
     if give_up_after is not None and not give_up_after >= 1:
-        raise ArgumentError(f"give_up_after must be a whole number from 1 on, not {give_up_after}")
+        raise ArgumentError(f"give_up_after must be 1 or above, not {give_up_after}")
     check(model, contact, tolerance, route)
     stopped = Event()
     stop_if = partial(_stop_if, stopped)

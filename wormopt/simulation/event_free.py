@@ -75,7 +75,7 @@ def ending(
     accepted : float
         Doubt, as a share of the size of each state, below which steps are not halved again.
     most_steps : int, optional
-        Of the finest run.
+        Largest number of steps of the finest run.
     report : callable, optional
         Receives the progress.
 
@@ -91,7 +91,7 @@ def ending(
     """
     if motion.system.exact and motion.system.prescribed:
         raise ArgumentError(
-            f"{motion.system.model.name}: steps without events know no driven contacts"
+            f"{motion.system.model.name}: steps without events do not support driven contacts"
         )
     task = _task(motion, x0)
     march = _march(task, len(x0))
@@ -305,4 +305,4 @@ def _refuse(model: Model) -> None:
         else ""
     )  # fmt: skip
     if why:
-        raise ArgumentError(f"{model.name}: steps without events know no {why}")
+        raise ArgumentError(f"{model.name}: steps without events do not support {why}")

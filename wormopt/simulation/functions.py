@@ -243,8 +243,8 @@ class System:
         open_ = [c.law for c in self.contacts if c.planar and not c.law.associated]
         names = dict.fromkeys(type(law).__name__ for law in open_)
         return tuple(
-            f"the law {name} is not that of most power: several motions may follow from one state, "
-            "and the one found need not be stable"
+            f"the law {name} does not maximise dissipation: a state may have several motions, "
+            "and the one found may be unstable"
             for name in names
         )
 
@@ -287,8 +287,8 @@ class System:
         model = self.model
         if any(c.gap is not None or c.normal_force is not None for c in model.contacts):
             raise ArgumentError(
-                "walls with a gap or a normal force cannot be simulated; let them give way by "
-                "smooth_walls"
+                "walls with a gap or a normal force cannot be simulated; make them elastic "
+                "with smooth_walls"
             )
         ode = ca.substitute(model.ode, *self._plain_forces) if self._plain else model.ode
         return recalled(ode, self.memories, model.t)
@@ -335,8 +335,8 @@ class System:
         for contact in (self.contacts[i] for i in found):
             if not contact.law.directions:
                 raise ArgumentError(
-                    f"no contact force acts on the velocity of {contact.name}, so that it cannot "
-                    "be held; write its force into the ode, or contact=Smooth(v_reg)"
+                    f"no contact force acts on the velocity of {contact.name}, so it cannot be "
+                    "held; add its force to the ode, or write contact=Smooth(v_reg)"
                 )
         return found
 
@@ -560,8 +560,8 @@ class System:
         guards = self._put(ca.vertcat(*(s.guard for s in self.model.switches)))
         if self.exact and self.shares and ca.depends_on(guards, self._solved):
             raise ArgumentError(
-                f"a switch of {self.model.name} waits for a contact force that other contacts "
-                "share; let it wait for something else, or treat contact as smooth"
+                f"a switch of {self.model.name} depends on a contact force that other contacts "
+                "share; use another guard, or treat contact as smooth"
             )
         rates = ca.jtimes(guards, self.symbols[1], self.ode) + ca.jacobian(guards, self.model.t)
         return self.function("guards", ca.vertcat(guards, rates))

@@ -81,9 +81,9 @@ def gradient(
         ``motion[name]``; by the last sample alone in the shape (size,). For the sum of
         squares of a residual r these are 2 r.
     tolerance : Tolerance, optional
-        How exact the adjoint equation is solved, in usual sizes of states and values of parameters.
+        Tolerance of the adjoint equation, in usual sizes of states and values of parameters.
     route : {"auto", "native", "python"}, optional
-        How.
+        Integrator.
 
     Returns
     -------
@@ -137,8 +137,8 @@ def _check(motion: object, route: object) -> None:
     system.model.refuse_delays("the gradient of a motion")
     if jumps_move(system.model):
         raise ArgumentError(
-            f"the right-hand side of {name} jumps at instants that parameters or states move, "
-            "where the gradient of a motion is not known; take simulate(..., sensitivities=[...])"
+            f"the right-hand side of {name} jumps at times that depend on parameters or states, "
+            "where this gradient is unknown; use simulate(..., sensitivities=[...])"
         )
     if system.exact and (len(system.planar) or system.shares):
         raise ArgumentError(

@@ -256,9 +256,9 @@ def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) ->
             ignored = ~timed.jumps[:, None]  # kinks may be omitted
         elif many > (2 if np.any(ignored) else 1) * _MOST_CHANGES:
             raise SolveError(
-                "conditions of time change more than "
+                "conditions on time change more than "
                 f"{_MOST_CHANGES} times between t = {span[0]:g} and {span[1]:g}",
-                "shorten the time, or write what changes so fast as its mean",
+                "shorten the time, or replace fast changes by their mean",
                 None,
                 "too_many_steps",
             )
@@ -344,8 +344,8 @@ def _isolated(low: np.ndarray, high: np.ndarray, longest: float) -> np.ndarray:
 
 
 _MISSED = (
-    "functions of time are narrow at more places than are looked at; pulses between steps may have "
-    "been missed: shorten the time, or give a smaller max_step"
+    "functions of time have too many narrow pulses to examine; some may have been missed: shorten "
+    "the time, or write a smaller max_step"
 )
 
 
@@ -409,8 +409,8 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
     if task.directions is not None and _moves(found, task.directions):
         if not switches:
             raise ArgumentError(
-                f"parameters move instants at which the right-hand side of {model.name} jumps, and "
-                'this route has no derivatives of them; take route = "native" or "python"'
+                f"the right-hand side of {model.name} jumps at times that depend on parameters; "
+                'this route has no derivatives of them: write route = "native" or "python"'
             )
         found = lifted(model, switches, moving=True)
         assert found is not None

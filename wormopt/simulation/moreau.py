@@ -66,12 +66,12 @@ class Impulses:
                 self._refuse("contacts must be free to slide both ways")
         model.refuse_delays("the scheme of Moreau and Jean")
         if model.z or model.switches:
-            self._refuse("algebraic variables and switches are not stepped over")
+            self._refuse("algebraic variables and switches are not supported")
         timed = [model.t, *(s for part in model.schedules for s in (part.symbol, part.begin))]
         if ca.depends_on(
             ca.vertcat(model.ode, *map(model.__getitem__, self.integrals)), ca.vertcat(*timed)
         ):
-            self._refuse("nothing may depend on time but its inputs")
+            self._refuse("only inputs may depend on time")
         if ca.depends_on(self._pushes, self._impulse_symbols):
             self._refuse("the ode must be affine in the contact forces")
 
@@ -207,8 +207,8 @@ class Impulses:
             opposite = a != b and not np.any(slope[a] + slope[b]) and gap[a, 0] + gap[b, 0] > 0
             if not opposite:
                 self._refuse(
-                    f"contacts {contacts[a].name} and {contacts[b].name} act on one another; "
-                    "lump the masses"
+                    f"contacts {contacts[a].name} and {contacts[b].name} interact through the mass "
+                    "matrix; lump the masses"
                 )
 
     @cached_property
@@ -396,7 +396,7 @@ class MoreauJean:
         self._impulses.check(x0, numbers)
         longest = self.safe_step(x0, numbers) if step is None else step
         if not (0 < longest < math.inf and 0 < end < math.inf):
-            raise ArgumentError(f"steps of {longest:g} do not lead to t = {end:g}; name a step")
+            raise ArgumentError(f"steps of {longest:g} do not reach t = {end:g}; write a step")
         times = _looks(schedule, end, longest)
         sizes = np.diff(times) / _STRIDE
         scheduled = self._scheduled(schedule, times)
@@ -417,9 +417,9 @@ class MoreauJean:
                 raise Interrupted(self._steps(times, columns)) from None
             columns.append(found)
             if not np.all(np.isfinite(found[:, -1])):
-                reason = f"the motion is no longer a number before t = {times[part.stop]:.6g}"
+                reason = f"the motion becomes infinite or NaN before t = {times[part.stop]:.6g}"
                 partial = self._steps(times, columns[:-1])
-                raise SolveError(reason, "take a shorter step", partial, "not_finite")
+                raise SolveError(reason, "write a shorter step", partial, "not_finite")
         return self._steps(times, columns)
 
     def stable_step(self, x0: np.ndarray, numbers: np.ndarray) -> float:

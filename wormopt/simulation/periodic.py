@@ -48,7 +48,7 @@ class PeriodicOrbit:
     start : ndarray, shape (n_x,)
         State at which it begins.
     period_derivative : ndarray, shape (k,)
-        Of the period along the directions of ``motion``.
+        Derivatives of the period along the directions of ``motion``.
 
     Examples
     --------
@@ -81,7 +81,7 @@ class PeriodicOrbit:
         Parameters
         ----------
         name : str
-            Of the state.
+            Name of the state.
 
         Returns
         -------
@@ -95,7 +95,7 @@ class PeriodicOrbit:
         Parameters
         ----------
         name : str
-            Of the state.
+            Name of the state.
 
         Returns
         -------
@@ -107,7 +107,7 @@ class PeriodicOrbit:
             If the orbit was sought without ``sensitivities``.
         """
         if not self.motion.directions:
-            raise ArgumentError("seek the orbit with sensitivities=[...] to differentiate it")
+            raise ArgumentError("periodic_orbit needs sensitivities=[...] for derivatives")
         motion, period = self.motion, self.motion.end_time
         # at the end of a period, which changes too
         ahead = motion.end_derivative + np.outer(rate_at_end(motion), self.period_derivative)
@@ -207,7 +207,7 @@ def periodic_orbit(
     Parameters
     ----------
     model : Model
-        What moves; what drives it has the period.
+        Model, driven with this period.
     period : float
         After which the motion repeats.
     returning : sequence of str, optional
@@ -216,9 +216,9 @@ def periodic_orbit(
     x0, p : mapping of str to array_like, optional
         First guess of states, and parameters, by name, where they are not the model's own.
     contact : Exact or Smooth, optional
-        How contacts are treated.
+        Treatment of contacts.
     tolerance : Tolerance, optional
-        How exact each simulation is.
+        Tolerance of each simulation.
     samples : int, optional
         Equidistant instants of the motion to keep, both ends included.
     sensitivities : sequence of str, or mapping of str to mapping, optional
@@ -265,7 +265,7 @@ def periodic_orbit(
     names = [signal.name for signal in model.x] if returning is None else list(returning)
     check_names(dict.fromkeys(names, 0), [signal.name for signal in model.x], "state")
     if not (names and 0 < period < np.inf):
-        raise ArgumentError("a periodic orbit has a positive period and states that return")
+        raise ArgumentError("a periodic orbit needs a positive period and returning states")
     report("looking for a periodic motion", None)
     returns = _Returns(model, period, names, contact=contact, p=p, tolerance=tolerance)
     returns.start = signal_values(model.x, x0, "state", fill=0.0)
@@ -274,9 +274,9 @@ def periodic_orbit(
     if not found:
         raise SolveError(
             "no motion that repeats was found near the guess",
-            "a multiplier is 1: leave states that only go on out of `returning`"
+            "a multiplier is 1: leave states that only advance out of `returning`"
             if returns.stands_beside_others(returns.monodromy(z))
-            else "start from a motion that has settled, or take another period",
+            else "start from a converged motion, or write another period",
             code="no_periodic_motion",
         )
     times = np.linspace(0.0, period, samples)
@@ -308,14 +308,14 @@ def _differentiated(
     check_names(period_derivative, motion.directions, "direction")
     if motion.along is not None and np.any(motion.along.x0[returns.rows]):
         raise ArgumentError(
-            f"an orbit does not depend on where {', '.join(returns.names)} start; take directions "
-            "of parameters, inputs and schedules"
+            f"an orbit does not depend on initial values of {', '.join(returns.names)}; name "
+            "parameters, inputs and schedules"
         )
     longer = np.array([float(period_derivative.get(name, 0.0)) for name in motion.directions])
     if returns.stands_beside_others(monodromy):
         raise SolveError(
-            "the orbit has no derivatives: a multiplier is 1, orbits lie beside it",
-            "leave states that only go on out of `returning`",
+            "the orbit has no derivatives: a multiplier is 1, so it is not isolated",
+            "leave states that only advance out of `returning`",
             code="singular",
         )
     ends = motion.end_derivative + np.outer(rate_at_end(motion), longer)

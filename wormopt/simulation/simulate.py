@@ -33,55 +33,54 @@ _REFUSALS = {
     "step_too_small": (
         "steps became too small at t = {t:.6g}: the motion is not smooth there, or grows beyond "
         "bounds",
-        "loosen the relative tolerance, take a larger v_reg, or treat contact exactly",
+        "loosen the relative tolerance, use a larger v_reg, or treat contact exactly",
     ),
     "not_finite": (
-        "the motion is no longer a number at t = {t:.6g}",
-        "look for what grows beyond bounds before, a gain say, and shorten the time",
+        "the motion becomes infinite or NaN at t = {t:.6g}",
+        "check what grows without bound before, for example a gain, and shorten the time",
     ),
     "too_many_steps": (
-        "{steps} steps were spent by t = {t:.6g}",
+        "the limit of {steps} steps was reached at t = {t:.6g}",
         "loosen the tolerances, allow more max_steps, or shorten the time",
     ),
     "stiff": (
         "the motion is too stiff for explicit steps at t = {t:.6g}",
-        'take route = "cvodes", a larger v_reg, or treat contact exactly',
+        'use route = "cvodes", a larger v_reg, or treat contact exactly',
     ),
     "events_accumulate": (
         "events follow each other without time passing at t = {t:.6g}",
-        "treat contact as smooth, or change what chatters: a law, or a switch, by one that is "
-        "terminal, or a state of rest",
+        "tighten the tolerance, treat contact as smooth, or change what chatters: a friction law, "
+        "or a switch, which can be terminal or have a state of rest",
     ),
     "slides_on_condition": (
-        "the motion stays where the right-hand side jumps, at t = {t:.6g}: on both sides of a "
-        "condition it is led back to it",
-        "write a Contact for what sticks, a Switch with a state of rest, or a steep but smooth "
-        "function",
+        "the motion stays on a jump of the right-hand side at t = {t:.6g}: on both sides of a "
+        "condition it returns to the condition",
+        "write a Contact for what sticks, a Switch with a state of rest, or a smooth steep law",
     ),
     "no_contact_mode": (
         "no choice of resting and sliding contacts fits the forces at t = {t:.6g}, or several "
-        "contacts that share one degree of freedom rest at once and leave their forces open",
-        "treat contact as smooth, or give the links elasticity",
+        "contacts that share one degree of freedom rest together, so their forces are undetermined",
+        "treat contact as smooth, or make the links elastic",
     ),
     "open_force": (
-        "a contact rests at t = {t:.6g}, and no contact force acts on its velocity: the force that "
-        "holds it is not determined",
-        "write this force into the ode, or treat contact as smooth",
+        "a contact rests at t = {t:.6g}, but no contact force acts on its velocity, so the force "
+        "that holds it is undetermined",
+        "add this force to the ode, or treat contact as smooth",
     ),
     "layer_not_resolved": (
-        "velocities pass the steep part of the smooth law unseen at t = {t:.6g}",
-        "take a larger v_reg, or treat contact exactly",
+        "steps are too long for the steep part of the smooth law at t = {t:.6g}",
+        "use a larger v_reg, or treat contact exactly",
     ),
     "solver_failed": (
         "the implicit integrator failed at t = {t:.6g}",
-        "loosen the tolerances or take a larger v_reg",
+        "loosen the tolerances or use a larger v_reg",
     ),
     "steep_derivatives": (
-        "derivatives of the motion do not exist at t = {t:.6g}, though the motion does: a slope of "
-        "the model is infinite or has no limit there, as that of a root at 0",
-        "change the law that has it, or take differences of motions without sensitivities",
+        "the motion has no derivatives at t = {t:.6g}: a slope of the model is infinite or has no "
+        "limit there, like a square root at 0",
+        "change this law, or use differences of motions without sensitivities",
     ),
-    "no_memory": ("memory is out at t = {t:.6g}", "keep fewer samples, or dense = False"),
+    "no_memory": ("out of memory at t = {t:.6g}", "keep fewer samples, or write dense = False"),
 }
 
 
@@ -100,36 +99,36 @@ def simulate(
     sensitivities: Sensitivities | None = None,
     report: Report = silent,
 ) -> Trajectory:
-    """Integrate a model in time, by the method of steps where it has delays.
+    """Simulate a model in time, by the method of steps if it has delays.
 
     Parameters
     ----------
     model : Model
-        What moves. Inputs are held at their values.
+        The model. Inputs keep their values.
     span : float or (float, float)
-        Last time, or first and last.
+        End time, or start and end times.
     contact : Exact or Smooth, optional
-        How contacts are treated.
+        Treatment of contacts.
     x0 : mapping of str to array_like, optional
-        Start of states by name, where it is not the model's own.
+        Initial values of states by name; the model's own if left out.
     p : mapping of str to array_like, optional
-        Parameters and inputs by name, where they are not the model's own. They change without a
+        Parameters and inputs by name; the model's own if left out. They change without a
         new compilation.
     schedules : mapping of str to ndarray, optional
         Other values of schedules by name, of the same shape.
     times : array_like, shape (m,), optional
-        When to sample, ascending within the span; ``[]`` keeps no sample. If left out, the ends of
+        Sample times, ascending within the span; ``[]`` keeps no sample. If left out, the ends of
         the steps are kept: all of them up to 10,000, then every second, every fourth and so on,
         so that memory is bounded whatever the span.
     dense : bool, optional
         Keep the whole motion, for `Trajectory.at`.
     tolerance : Tolerance, optional
-        How exact.
+        Tolerances and limits of the integration.
     route : {"auto", "native", "python", "radau", "cvodes"}, optional
-        How to integrate. "auto" is compiled code where there is a compiler, and an implicit
-        integrator where the motion is too stiff for explicit steps.
+        Integrator. "auto" is compiled code if there is a compiler, and an implicit integrator
+        if the motion is too stiff for explicit steps.
     sensitivities : sequence of str, or mapping of str to mapping of str to array_like, optional
-        Numbers along which the motion is differentiated: names of parameters, inputs, states (then:
+        Directions in which the motion is differentiated: names of parameters, inputs, states (then:
         their start) and schedules, all entries of each, ``"mass[0]"`` for one; or for each label a
         direction, as ``{"friction": {"friction_forward": [1, 1, 1]}}``, in one or several of them.
     report : callable, optional
@@ -251,7 +250,7 @@ def _ends(span: float | tuple[float, float]) -> tuple[float, float]:
     given = numbers("span", span)
     start, end = np.append([0.0, 0.0], given)[-2:].tolist()
     if given.size > 2 or not -np.inf < start < end < np.inf:
-        raise ArgumentError(f"the time must run forward; write last or (first, last), not {span!r}")
+        raise ArgumentError(f"span must be end or (start, end) with start < end, not {span!r}")
     return start, end
 
 

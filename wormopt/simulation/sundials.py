@@ -72,13 +72,13 @@ def integrate(task: InitialValueProblem, report: Report) -> Outcome:
 def _refuse(task: InitialValueProblem) -> None:
     model, treatment = task.system.model, task.system.treatment
     if task.system.contacts and not isinstance(treatment, Smooth):
-        raise ArgumentError("CVODES and IDAS know no exact contact; treat it as Smooth")
+        raise ArgumentError("CVODES and IDAS do not support exact contact; write Smooth(v_reg)")
     if model.switches:
         names = [switch.name for switch in model.switches]
-        raise ArgumentError(f'CVODES and IDAS know no switches ({names}); take route = "python"')
+        raise ArgumentError(f'CVODES and IDAS support no switches, {names}; write route = "python"')
     if task.dense:
         what = "CVODES and IDAS do not keep the motion"
-        raise ArgumentError(f'{what}; name times or route = "python"')
+        raise ArgumentError(f'{what}; write times or route = "python"')
 
 
 class _Grid:
@@ -267,7 +267,7 @@ def _advance(run: _Run, solver: ca.Function, guess: np.ndarray, first: int, end:
     )
     states = scale[:, None] * np.array(found["xf"])
     if not np.all(np.isfinite(states)):
-        raise RuntimeError("the motion is no longer a number")
+        raise RuntimeError("the motion becomes infinite or NaN")
     if task.keep:
         run.kept.extend(np.column_stack([_outputs(run, first, end), states.T]))
         states = states[:, _PARTS - 1 :: _PARTS]

@@ -46,7 +46,7 @@ class Event:
     mode : int
         Direction of the contact from then on: +1, -1, or 0 at rest; 0 for a switch.
     derivative : ndarray, shape (k,), optional
-        Of the time, along the directions that were asked for.
+        Derivative of the time along the requested directions.
 
     Examples
     --------
@@ -65,12 +65,12 @@ class Event:
 class NonsmoothEvent:
     """An event at which the derivatives of a motion do not exist, or hold on one side only.
 
-    Those behind it are of the branch that was followed.
+    Derivatives after it belong to the branch that was followed.
 
     Parameters
     ----------
     event : Event
-        What happened, or all but happened.
+        The event, or one that nearly happened.
     reason : {"grazing", "simultaneous", "edge"}
         "grazing": it happens so slowly that a small change would undo it, or all but happens;
         "simultaneous": another one happens at this instant, and a change may turn their order;
@@ -114,19 +114,19 @@ class Trajectory(SampledMotion):
     Parameters
     ----------
     system : System
-        What moved, and how its contacts were treated.
+        Model and treatment of its contacts.
     route : str
         What integrated it: "native", "python", "cvodes" or "idas".
     p : ndarray
         Parameters, from `System.parameters`.
     schedules : tuple of Schedule
-        Those of the model, with the values they had.
+        Schedules of the model, with the values used.
     time : ndarray, shape (m,)
         Sample times; where none were named, the ends of the steps, see `simulate`.
     states : ndarray, shape (n_x, m)
         States then; after a jump where one happens at that time.
     end_time : float
-        How far the motion goes.
+        Time at which the motion ends.
     end : ndarray, shape (n_x,)
         State there.
     event_rows : ndarray, shape (events, 4 + k)
@@ -143,13 +143,13 @@ class Trajectory(SampledMotion):
     along : Directions, optional
         Along which directions derivatives are known.
     state_derivatives : ndarray, shape (n_x, k, m)
-        Of the states at the sample times, along them; after a jump where one happens then.
+        Derivatives of the states at the sample times; at a jump, the values after it.
     end_derivative : ndarray, shape (n_x, k)
-        Of the last state, at its time; where a switch ends the motion, at that of the switch.
+        Derivatives of the last state at its time; at a terminal switch, at the switching time.
     nonsmooth_events : tuple of NonsmoothEvent
         Where derivatives do not exist, or hold on one side only.
     notes : tuple of str
-        What may have been missed.
+        Notes on what may have been missed.
 
     Examples
     --------
@@ -307,7 +307,7 @@ class Trajectory(SampledMotion):
         t = np.asarray(t, dtype=float)
         first, last = self.dense.time[0], self.dense.time[-1]
         if t.size and not (first <= t.min() and t.max() <= latest(last, first)):
-            raise ArgumentError(f"the motion goes from {first:g} to {last:g}")
+            raise ArgumentError(f"times must be from {first:g} to {last:g}")
         x, (n_x, k) = self.dense(t), self.end_derivative.shape
         states, along = x[: len(self.states)], x[len(self.states) :]
         return replace(self, time=t, states=states, state_derivatives=along.reshape(n_x, k, len(t)))
@@ -323,7 +323,7 @@ class Trajectory(SampledMotion):
         Returns
         -------
         ndarray, shape (contacts, m)
-            Of no rows where contact was treated as smooth.
+            Resting contacts at each time; no rows if contact was smooth.
         """
         return self.s_at(t)[: len(self.system.contacts)]
 
@@ -338,7 +338,7 @@ class Trajectory(SampledMotion):
         Returns
         -------
         ndarray, shape (n_s, m)
-            Of no rows where contact was treated as smooth.
+            Values at each time; no rows if contact was smooth.
         """
         if len(self.modes) == 0:
             return np.zeros((0, len(t)))
@@ -367,7 +367,7 @@ class Trajectory(SampledMotion):
         Parameters
         ----------
         function : casadi.Function
-            Of (t, x, p, s), with one column as its result.
+            Function of (t, x, p, s), with one column as its result.
         *further : ndarray, shape (any, m)
             Arguments of the function after these, at the sample times.
 
@@ -416,7 +416,7 @@ class Trajectory(SampledMotion):
         Returns
         -------
         float
-            Of the samples, where the motion was simulated without ``dense = True``.
+            Computed from the samples if simulated without ``dense = True``.
         """
         expression = self.system.model[expression] if isinstance(expression, str) else expression
         if self.dense is None:

@@ -108,7 +108,7 @@ def directions(
     labels = tuple(label for label, _ in columns)
     twice = [label for label in dict.fromkeys(labels) if labels.count(label) > 1]
     if twice:
-        raise ArgumentError(f"sensitivities ask for {', '.join(twice)} twice")
+        raise ArgumentError(f"sensitivities name {', '.join(twice)} twice")
     return space.directions(labels, np.column_stack([column for _, column in columns]))
 
 
@@ -165,7 +165,7 @@ class _Space:
     def column(self, label: object, parts: object) -> np.ndarray:
         """Column of one direction, given for each signal that it moves."""
         if not isinstance(label, str):
-            raise ArgumentError(f"directions have names for labels, not {label!r:.60}")
+            raise ArgumentError(f"labels of directions must be names, not {label!r:.60}")
         if not isinstance(parts, Mapping):
             raise ArgumentError(
                 f"write direction {label} as {{name: entries}}, not {type(parts).__name__}"

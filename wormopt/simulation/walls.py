@@ -28,14 +28,14 @@ from wormopt.model.model import TINY, Contact, Model, Output, Signal, pack
 
 
 def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation: float) -> Model:
-    """Let the walls of a model give way.
+    """Make the walls of a model elastic.
 
     Parameters
     ----------
     model : Model
         Its contacts with gaps have normal forces; gaps depend on states alone.
     stiffness : float
-        k, force per way into the wall.
+        k, force per depth in the wall.
     smoothing : float
         epsilon, force times gap of a wall that is not touched.
     relaxation : float
@@ -46,7 +46,7 @@ def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation
     Model
         Without gaps: normal forces are the algebraic variables ``wall_force``, friction laws are
         what they were. The three numbers are its parameters ``wall_stiffness``,
-        ``wall_smoothing`` and ``wall_relaxation``. To be simulated with smooth friction.
+        ``wall_smoothing`` and ``wall_relaxation``. Simulate it with smooth friction.
 
     Raises
     ------
@@ -73,13 +73,13 @@ def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation
     numbers = _numbers({"stiffness": stiffness, "smoothing": smoothing, "relaxation": relaxation})
     walls = [contact for contact in model.contacts if contact.gap is not None]
     if not walls:
-        raise ArgumentError(f"{model.name} has no walls: none of its contacts has a gap")
+        raise ArgumentError(f"{model.name} has no walls: no contact has a gap")
     pressed = ca.vertcat(*(_pressed(contact) for contact in walls))
     force = _force(model, walls, *(signal.symbol for signal in numbers))
     size = max(contact.nominal_force for contact in walls)
     return replace(
         model,
-        name=f"{model.name} between walls that give way",
+        name=f"{model.name} between elastic walls",
         z=[*model.z, Signal("wall_force", pressed, "force", size, value=0.0)],
         alg=ca.vertcat(model.alg, pressed - force),
         p=[*model.p, *numbers],
@@ -108,7 +108,7 @@ def _numbers(values: dict[str, float]) -> list[Signal]:
 
 def _pressed(contact: Contact) -> ca.SX:
     if contact.normal_force is None:
-        raise ArgumentError(f"contact {contact.name} has a gap, but no normal force")
+        raise ArgumentError(f"contact {contact.name} has a gap; write its normal_force")
     return contact.normal_force
 
 

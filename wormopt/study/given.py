@@ -87,7 +87,7 @@ def _parameters(table: Any) -> str:
 def check_quantity(quantity: str) -> None:
     """Raise TypeError for a quantity without a unit, while the class is made."""
     if quantity and quantity not in UNITS and quantity not in ABSOLUTE:
-        raise TypeError(f"{quantity!r} is no quantity; wormopt.quantities.UNITS lists them")
+        raise TypeError(f"{quantity!r} is not a quantity; wormopt.quantities.UNITS lists them")
 
 
 def says(quantity: str, meaning: str, usual: tuple[float, float] | None = None) -> Meta:
@@ -419,7 +419,7 @@ def _extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
         size = "small" if abs(value) < 1 else "large"
         yield (
             key,
-            f"{value:g} is too {size} to compute with; choose units in which it is nearer to 1",
+            f"{value:g} is too {size} for computing; choose units in which it is closer to 1",
         )
 
 
@@ -511,7 +511,7 @@ def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -
     if quantity == "rad" and abs(bare) < _MANY_DEGREES and len(faults) > before:
         wrong: list[Fault] = []
         read_value(math.radians(raw), kind, path, units, wrong)
-        faults[-1] = (path, faults[-1][1] + ("" if wrong else f', "{raw} deg" say'))
+        faults[-1] = (path, faults[-1][1] + ("" if wrong else f', for example "{raw} deg"'))
     return value
 
 
@@ -536,7 +536,7 @@ def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) 
     tables = tables_in(kind)
     if isinstance(given, Given):  # made and checked in Python
         if given.has_units and units != "SI":
-            faults.append((path, 'was made with units; write units = "SI", or numbers alone'))
+            faults.append((path, 'was made with units; write units = "SI", or bare numbers'))
         if isinstance(given, tuple(tables)):
             return given
         if any(issubclass(table, type(given)) for table in tables):
@@ -568,9 +568,9 @@ def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) 
         path += "".join(f"[{index}]" for index in indices)
         allowed = describe(kind)
         meant = _meant(raw, _words_in(kind)) if isinstance(raw, str) else ""
-        hint = f"did you mean {meant}? Else write" if meant not in ("", allowed) else "write"
+        hint = f"did you mean {meant}? Otherwise write" if meant not in ("", allowed) else "write"
         if isinstance(raw, str) and has_unit(raw) and _holds_numbers(kind):
-            faults.append((path, f"{_shown(raw)} has a unit, not taken here; {bare_number(raw)}"))
+            faults.append((path, f"{_shown(raw)} has a unit, not allowed here; {bare_number(raw)}"))
             return None
         faults.append((path, f"{_shown(raw)} is not allowed; {hint} {allowed}"))
         return None

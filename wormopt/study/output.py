@@ -99,7 +99,7 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file, not a folder; {elsewhere}")
     if folder.is_symlink() and not folder.is_dir():
-        raise OutputError(f"{folder}: cannot be written: the link leads nowhere; {elsewhere}")
+        raise OutputError(f"{folder}: cannot be written: its target does not exist; {elsewhere}")
     if not folder.is_dir():
         return
     earlier = earlier_result(folder)
@@ -107,16 +107,16 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
         if (folder / name).is_dir():
             raise OutputError(f"{folder / name}: is a folder where a file must go; rename it")
         if os.path.lexists(folder / name) and name not in earlier.own:
-            what = "was not written by wormopt, or changed since; it is never replaced"
+            what = "was not written by wormopt, or was changed since; it is never replaced"
             raise OutputError(f"{folder / name}: {what}: rename it, or {elsewhere}")
     _refuse_open(folder, earlier)
     if output.force or not {path.name for path in folder.iterdir()} - set(output.kept):
         return
     if not earlier.scene:
-        what = "holds other files and no result of wormopt"
-        raise OutputError(f"{folder}: {what}; {elsewhere}, or write beside them with --force")
+        what = "contains other files and no result of wormopt"
+        raise OutputError(f"{folder}: {what}; {elsewhere}, or add the result to them with --force")
     if (earlier.scene, earlier.kind) != (output.scene, output.kind):
-        what = f"holds the result of another scene, {earlier.scene} ({earlier.kind})"
+        what = f"contains the result of another scene, {earlier.scene} ({earlier.kind})"
         raise OutputError(f"{folder}: {what}; {elsewhere}, or replace it with --force")
 
 
@@ -126,7 +126,7 @@ def _refuse_open(folder: Path, earlier: Earlier) -> None:
         try:
             path.replace(path)
         except PermissionError as error:
-            what = "cannot be replaced; close what has it open, or choose another folder with -o"
+            what = "cannot be replaced; close the program that uses it, or choose another with -o"
             raise OutputError(f"{path}: {what}") from error
 
 

@@ -104,7 +104,7 @@ def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
     except ValueError:
         raw = None
     if not isinstance(raw, dict) or raw.get("kind") != kind:
-        raise SceneError(name, [("", "the result does not say its scene; run it again")])
+        raise SceneError(name, [("", "the result does not contain its scene; run it again")])
     packaged = packaged_scenes().get(name)
     folder = packaged.parent if packaged else Path()
     table, _ = _read_kind(name, raw, folder)
@@ -155,7 +155,7 @@ def _find(file: str) -> Path:
         if file in packaged:
             return packaged[file]
         if path.exists():
-            raise SceneError(file, [("", "is not a file; name a .toml file")])
+            raise SceneError(file, [("", "is not a file; write the name of a .toml file")])
     except OSError as error:
         raise SceneError(file, [("", f"cannot be read: {error.strerror}")]) from error
     close = _near(path) or get_close_matches(file, packaged, n=1)

@@ -114,7 +114,7 @@ class Study(Given):
             if member.name in cls.__struct_fields__:
                 raise TypeError(f"{cls.__name__}.{member.name} is a key and a member")
             if wrong := [path for path in member.named if not _has(cls, path)]:
-                what = f"names {', '.join(wrong)}, which is no member or key"
+                what = f"names {', '.join(wrong)}, which is not a member or key"
                 raise TypeError(f"{cls.__name__}.{member.name} {what}")
 
     # -- what was given, and where -----------------------------------------------------------------
@@ -528,7 +528,7 @@ def status_of(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, d
         return "failed", failed
     doubts = dict.fromkeys(str(text) for text in warned if isinstance(text, Unchecked))
     if not checks and not doubts:
-        doubts = {"nothing confirms the numbers: no check of them was made": None}
+        doubts = {"no check of the numbers was made": None}
     return ("unchecked" if doubts else "ok"), doubts
 
 
@@ -548,7 +548,7 @@ class Scene(Generic[TableT]):
     table : Study
         The content, of the class of the scene's kind.
     sweep : Swept, optional
-        Which keys are varied when the scene is swept.
+        Keys varied when the scene is swept.
 
     Examples
     --------
@@ -706,4 +706,4 @@ def _surprise(key: str, size: float, quantity: str, usual: tuple[float, float]) 
     smaller = _SMALLER.get(unit, "") if size > most >= size / 1000 else ""
     hint = f'; did you mean "{size:g} {smaller}"?' if smaller else ""
     what = f"a {quantity.replace('_', ' ')} from {least:g} to {most:g} {unit} is usual"
-    yield f"{key} = {size:g} {unit} is a surprise for a crawling robot: {what}{hint}"
+    yield f"{key} = {size:g} {unit} is unusual for a crawling robot: {what}{hint}"

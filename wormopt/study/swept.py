@@ -51,21 +51,21 @@ class Swept(Given):
     def faults(self) -> Iterator[Fault]:
         """Yield faults between the keys."""
         if not self.over:
-            yield "over", 'nothing is varied; write over."worm.load" = "1:10:10", say'
+            yield "over", 'no key is varied; write for example over."worm.load" = "1:10:10"'
         for key, values in self.over.items():
             if key.partition(".")[0] in ("kind", "schema", "units", "sweep"):
-                yield f"over.{key}", "cannot be varied; write scenes of their own"
+                yield f"over.{key}", "cannot be varied; write one scene for each value"
             what = self._fault_of(values)
             if what:
                 yield f"over.{key}", what
         counts = {key: _count(values) for key, values in self.over.items()}
         if self.method == "zip" and len(set(counts.values())) > 1:
             listed = ", ".join(f"{count} of {key}" for key, count in counts.items())
-            yield "over", f"zip takes as many values of every key, not {listed}"
+            yield "over", f"zip needs equal numbers of values of all keys, not {listed}"
         if self.method == "grid" and max(counts.values(), default=0) <= _MOST < math.prod(
             counts.values()
         ):
-            yield "over", f"{math.prod(counts.values())} points are too many; {_MOST} at most"
+            yield "over", f"{math.prod(counts.values())} points are too many; write at most {_MOST}"
         if self.drawn and self.points is None:
             yield "points", f"missing; write how many points {self.method} draws"
         if not self.drawn and self.points is not None:
@@ -73,27 +73,27 @@ class Swept(Given):
 
     def _fault_of(self, values: Any) -> str:
         if not isinstance(values, str | list):
-            return f'{values!r} is no list or range; write [1, 2, 5] or "1:10:10", say'
+            return f'{values!r} is not a list or range; write for example [1, 2, 5] or "1:10:10"'
         if isinstance(values, list):
             if self.drawn:
                 return f'{self.method} draws from a range; write "first:last"'
             return "" if values else "is an empty list; write the values"
         found = RANGE.fullmatch(values)
         if not found:
-            return f'{values!r} is no range; write "first:last:count", or a list of values'
+            return f'{values!r} is not a range; write "first:last:count", or a list of values'
         low, high, count = float(found["low"]), float(found["high"]), found["count"]
         if not (math.isfinite(low) and math.isfinite(high)):
-            return "the range has no finite ends"
+            return "the ends of the range must be finite"
         if self.drawn:
             if count and not found["spacing"]:
-                return f'{self.method} draws points of its own; write "{low:g}:{high:g}"'
+                return f'{self.method} draws the points itself; write "{low:g}:{high:g}"'
             return "" if low < high else "the range is empty; write the smaller number first"
         if not count:
-            return f'how many values? write "{low:g}:{high:g}:10", say'
+            return f'the number of values is missing; write for example "{low:g}:{high:g}:10"'
         if not 1 <= int(count) <= _MOST:
-            return f"{count} values are too few or too many; write 1 to {_MOST}"
+            return f"{count} values are not allowed; write 1 to {_MOST}"
         if found["spacing"] and min(low, high) <= 0:
-            return "a logarithmic range begins and ends above 0"
+            return "a logarithmic range must begin and end above 0"
         return ""
 
 

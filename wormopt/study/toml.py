@@ -19,7 +19,7 @@ Overrides = str | Mapping[str, Any] | Iterable[str | Mapping[str, Any]]
 def override(raw: dict[str, Any], overrides: Overrides) -> Iterator[Fault]:
     """Change raw tables in place, and yield faults."""
     if not isinstance(overrides, Iterable):  # pyright: ignore[reportUnnecessaryIsInstance]  from Python
-        raise ArgumentError(f'overrides are texts "key=value" or dicts, not {overrides!r}')
+        raise ArgumentError(f'overrides must be texts "key=value" or dicts, not {overrides!r}')
     several: Iterable[Any] = [overrides] if isinstance(overrides, str | Mapping) else overrides
     for one in several:
         if isinstance(one, Mapping):
@@ -28,7 +28,7 @@ def override(raw: dict[str, Any], overrides: Overrides) -> Iterator[Fault]:
         elif isinstance(one, str):
             yield from _override_by_text(raw, one)
         else:
-            raise ArgumentError(f'an override is a text "key=value" or a dict, not {one!r}')
+            raise ArgumentError(f'an override must be a text "key=value" or a dict, not {one!r}')
 
 
 def as_toml(value: Any) -> Any:
@@ -56,7 +56,7 @@ def _override_by_text(raw: dict[str, Any], text: str) -> Iterator[Fault]:
     path, equals, value = text.partition("=")
     path = path.strip()
     if not equals:
-        yield "--set", f"{text!r} does not read key=value, worm.links=3 say"
+        yield "--set", f"{text!r} is not of the form key=value; write for example worm.links=3"
         return
     try:
         value.encode()  # arguments may be invalid text, which cannot be saved
@@ -66,7 +66,7 @@ def _override_by_text(raw: dict[str, Any], text: str) -> Iterator[Fault]:
     if parsed.keys() != {"value"}:
         parsed = {"value": value.strip()}  # a text without quotes
         if not re.match(r"[^\[{\"']", parsed["value"]) or not value.isprintable():
-            yield path, f"{value!r} is no TOML value; close its brackets, or put text in quotes"
+            yield path, f"{value!r} is not a TOML value; close its brackets, or put text in quotes"
             return
     yield from _set_at(raw, path, parsed["value"])
 
@@ -74,7 +74,7 @@ def _override_by_text(raw: dict[str, Any], text: str) -> Iterator[Fault]:
 def _set_at(raw: dict[str, Any], path: str, value: Any) -> Iterator[Fault]:
     keys = re.sub(r"\[(\d+)\]", r".\1", path).split(".")  # tracker[0].gain or tracker.0.gain
     if not all(keys):
-        yield path or "--set", f"{path!r} is no key; write key=value with one, worm.links=3 say"
+        yield path or "--set", f"{path!r} is not a key; write key=value, for example worm.links=3"
         return
     try:
         _set(raw, keys, value)
@@ -93,7 +93,7 @@ def _set(inside: Any, keys: list[str], value: Any, name: str = "") -> None:
         if place >= len(inside):
             raise ValueError(f"{name} is a list; its entries are {name}.0 to {len(inside) - 1}")
     elif not isinstance(inside, dict):
-        what = f"{name} is not a table or list; give all of it: {name}=[...]"
+        what = f"{name} is not a table or list; write it as a whole: {name}=[...]"
         raise ValueError(what)  # noqa: TRY004  a fault of the user's
     if not rest:
         inside[place] = value

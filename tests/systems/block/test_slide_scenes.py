@@ -197,7 +197,7 @@ def test_slides_that_cannot_be_end_with_what_has_to_give_way(
     with pytest.raises(SolveError) as caught:
         solved(name, *changes)
     assert caught.value.code == "infeasible"
-    assert f"has to give way is {least}" in str(caught.value)
+    assert f"allows one is {least}" in str(caught.value)
     settings = [text for change in changes for text in ("--set", change)]
     assert main(["run", name, *settings, "-o", str(tmp_path / "out"), "--quiet"]) == 3
     assert least in capsys.readouterr().err
@@ -234,7 +234,7 @@ def test_an_unbounded_problem_ends_in_the_right_exit_code(
     limited = Slide.problem
     monkeypatch.setattr(Slide, "problem", property(without_limits))
     assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet", "--no-plots"]) == 3
-    assert "falls without bound; limit the inputs" in capsys.readouterr().err
+    assert "decreases without bound; limit the inputs" in capsys.readouterr().err
 
 
 test_wrong_slides_are_told = refusals(

@@ -435,7 +435,7 @@ def test_what_does_not_fit_an_own_plant_is_refused(
 
 def test_a_plant_whose_input_acts_backward_is_refused(tmp_path: Path):
     turned = OWN.replace("(u - SPRING", "(-u - SPRING")
-    with pytest.raises(SceneError, match="turn the sign of the input"):
+    with pytest.raises(SceneError, match="reverse the sign of the input"):
         wo.run(scene(tmp_path, COMPARE, own=turned))
 
 
@@ -452,7 +452,7 @@ def wrong(rival: Any, entries: int = 1, **changes: Any) -> Any:
         (partial(wo.lambda_tracker, tube_radius=0.2), {}, "'mine': tube_radius=0.2 differs"),
         (lambda plant, aim: plant, {}, "'mine': cart has inputs left, input"),
         (lambda plant, aim: None, {}, "'mine': what it returns"),
-        (lambda plant, aim: cart(), {}, "'mine': cart is no loop around this cart"),
+        (lambda plant, aim: cart(), {}, "'mine': cart is not a loop around this cart"),
         (partial(wo.lqr, error_weight=-1.0), {}, "'mine': error_weight must be positive"),
         (
             partial(wo.lqr, error_weight=1.0),
@@ -463,7 +463,7 @@ def wrong(rival: Any, entries: int = 1, **changes: Any) -> Any:
         (partial(wo.lqr, error_weight=1.0), {"spread": {"c": 0.1}}, "no parameter 'c' to draw"),
         (partial(wo.lqr, error_weight=1.0), {"capture": 2.0}, "tube.capture"),
         (partial(wo.lqr, error_weight=1.0), {"output": "v"}, "relative degree below two"),
-        (partial(wo.lqr, error_weight=1.0), {"entries": 2}, "has 2 entries, place of cart 1"),
+        (partial(wo.lqr, error_weight=1.0), {"entries": 2}, "but place of cart has 1"),
     ],
 )
 def test_wrong_rivals_are_refused_by_name(rival: Any, changes: dict[str, Any], message: str):

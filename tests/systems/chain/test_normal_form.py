@@ -316,20 +316,20 @@ def test_walls_are_kept_where_they_are():
 
 def test_what_has_no_such_form_is_refused():
     worm = form_of(2).model
-    with pytest.raises(ValueError, match="act on y' at once"):
+    with pytest.raises(ValueError, match="act directly on y'"):
         normal_form(worm, output="rate")
     with pytest.raises(ValueError, match="1 outputs for 2 inputs"):
         normal_form(worm, output="center_of_mass")
-    with pytest.raises(ValueError, match="act on eta' at once"):
+    with pytest.raises(ValueError, match="act directly on eta'"):
         normal_form(worm, output="length", internal="velocity")
-    with pytest.raises(ValueError, match="act on eta' at once"):
+    with pytest.raises(ValueError, match="act directly on eta'"):
         normal_form(pendulum_cart(), output="place", internal=["a", "w"])
-    with pytest.raises(ValueError, match="relative degree is not two"):
+    with pytest.raises(ValueError, match="relative degree not two"):
         normal_form(chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0),
                     output="center_of_mass")  # fmt: skip
     with pytest.raises(KeyError, match="size"):
         normal_form(worm, output="size")
-    with pytest.raises(ValueError, match="name more by internal="):
+    with pytest.raises(ValueError, match="name more in internal="):
         normal_form(worm, output="length").zero_dynamics()
     with pytest.raises(ValueError, match="name fewer"):
         normal_form(worm, output="length", internal=["position", *INTERNAL]).zero_dynamics()

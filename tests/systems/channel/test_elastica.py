@@ -220,7 +220,7 @@ def test_a_branch_that_ends_is_told():
 
     found = solve_boundary(problem, near, [[0.0], [0.75]], degree=8)
     assert found.p[0] == pytest.approx(0.5, rel=1e-12)
-    with pytest.raises(SolveError, match="lost after") as caught:
+    with pytest.raises(SolveError, match="ended at") as caught:
         solve_boundary(problem, near, [[0.0], [2.0]], degree=8)
     assert caught.value.code == "lost"
 

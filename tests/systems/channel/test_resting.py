@@ -303,9 +303,9 @@ def test_a_damped_motion_ends_where_the_energy_is_least():
 def test_what_cannot_rest_is_refused():
     rod = rubber(4)
     loaded = pushed(rod)
-    with pytest.raises(ArgumentError, match="a start has 27 finite places"):
+    with pytest.raises(ArgumentError, match="start must have 27 finite entries"):
         loaded.rest(np.zeros(5))
-    with pytest.raises(ArgumentError, match="take 18 finite numbers"):
+    with pytest.raises(ArgumentError, match="must be 18 finite numbers"):
         loaded.rest(lying(rod), [math.nan] * 18)
     with pytest.raises(ArgumentError, match="belong together"):
         Loaded(loaded.model, potential=loaded.potential)

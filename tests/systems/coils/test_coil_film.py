@@ -82,7 +82,7 @@ def test_hostile_films_are_refused() -> None:
     with pytest.raises(ArgumentError, match="the mean thickness is"):
         layer.volume(2e-3)
     row = wo.magnetics.CoilRow(wo.magnetics.Coil(2e-3, 4.5e-3, 5e-3), 2, 0.01, "vertical")
-    with pytest.raises(ArgumentError, match="a coil lies inside the fluid"):
+    with pytest.raises(ArgumentError, match="a coil is inside the fluid"):
         coil_film(layer, row, ground=2e-3, top=3e-3)
     with pytest.raises(ArgumentError, match="not resolved"):
         coil_film(Layer(OIL, 0.05, 1e-3, 0.02, 5), row, ground=2.5e-3 + 1e-6, top=3e-3)

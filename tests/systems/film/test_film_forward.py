@@ -131,7 +131,7 @@ def test_a_film_the_points_cannot_hold_fails_with_the_place(tmp_path: Path):
 
 
 def test_too_few_steps_are_told(tmp_path: Path):
-    with pytest.raises(SolveError, match="steps were spent"):
+    with pytest.raises(SolveError, match="steps was reached"):
         run(tmp_path, "tolerance.max_steps=20")
 
 
@@ -277,7 +277,7 @@ test_bad_films_are_refused = refusals(
     [
         ("far.csv", "0,1\n1,2\n2,1\n3,0\n", "phases in far"),
         ("words.csv", "a\nb\nc\n", "contains text"),
-        ("text.toml", "schema = 1\n", "no result"),
+        ("text.toml", "schema = 1\n", "not a result"),
     ],
 )
 def test_a_file_that_holds_no_field_is_refused(tmp_path: Path, name: str, text: str, said: str):

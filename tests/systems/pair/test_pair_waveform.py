@@ -165,7 +165,7 @@ def test_a_speed_beyond_the_field_is_refused_with_what_has_to_give_way(
     change = 'objective={minimise="work_per_distance", speed=0.8}'
     arguments = ["run", NAME, "-o", str(tmp_path / "out"), "--quiet", "--set", change]
     assert main([*arguments, "--set", "mesh.arcs=40"]) == 3
-    assert "the least that has to give way is field by about 0." in capsys.readouterr().err
+    assert "the smallest change that allows one is field by about 0." in capsys.readouterr().err
 
 
 def test_a_pair_that_friction_holds_is_told():
@@ -354,7 +354,7 @@ def test_aims_and_plants_that_cannot_be_are_refused():
         waveform_problem(pair, limits, Aim(maximise="speed"))
     u = ca.SX.sym("u", 2)
     both = Model("both", x=[Signal("x", ca.SX.sym("x", 2))], ode=u, u=[Signal("u", u)])
-    with pytest.raises(ArgumentError, match="not one scalar input"):
+    with pytest.raises(ArgumentError, match="exactly one scalar input"):
         ramped(both, 1.0)
 
 

@@ -71,7 +71,7 @@ def cache_folder() -> Path:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if sys.platform != "win32":
             if folder.stat().st_uid != os.getuid():
-                raise CompilerError(f"{folder} belongs to somebody else")
+                raise CompilerError(f"{folder} belongs to another user")
             folder.chmod(0o700)
     except OSError as error:
         raise CompilerError(f"{folder} cannot be used: {error.strerror}") from error
@@ -92,7 +92,7 @@ def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2"
     """
     command = compiler()
     if command is None:
-        raise CompilerError("there is no C compiler; install one, or the extra wormopt[compiler]")
+        raise CompilerError("no C compiler was found; install one, or the extra wormopt[compiler]")
     flags = (optimise, *_FLAGS)
     path = cache_folder() / f"{name}-{_key(sources, flags, command)}{SUFFIX}"
     if not _whole(path):

@@ -273,7 +273,7 @@ class Run:
         x0, p = np.ascontiguousarray(task.start), np.ascontiguousarray(task.all_p)
         self.address = driver().wormopt_start(ctypes.byref(problem), x0.ctypes.data, p.ctypes.data)
         if not self.address:
-            raise MemoryError("no memory for the samples asked for")
+            raise MemoryError("no memory for the requested samples")
 
     @property
     def time(self) -> float:
@@ -415,4 +415,4 @@ def _advance_lanes(runs: list[Run]) -> None:
     addresses = (c_void_p * len(runs))(*(ctypes.cast(run.address, c_void_p) for run in runs))
     steps = work_per_call(runs[0].task) // len(runs)
     if driver().wormopt_advance_lanes(addresses, len(runs), rhs, steps):
-        raise MemoryError("no memory for the lanes")
+        raise MemoryError("no memory for the ensemble")

@@ -428,7 +428,7 @@ def compare(
     plant : Model
         A model with start values of its states and values of its parameters.
     reference : Reference
-        What the output shall follow, an expression of ``plant.t``.
+        Reference of the output, an expression of ``plant.t``.
     rivals : mapping of str to callable or Gait
         By name: a function of the plant and the reference that returns the closed loop, such as
         ``partial(wo.lqr, error_weight=1e4)``, or inputs over time. The function gets a plant whose

@@ -520,7 +520,7 @@ class Linear(Tracking, kind="linear"):
         if self.worm is None:
             return {}
         return {
-            "hidden": "the position of the worm is a shift, which is no pole or zero of the loop"
+            "hidden": "the position of the worm is a shift, which is not a pole or zero of the loop"
         }
 
 

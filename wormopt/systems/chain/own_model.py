@@ -56,7 +56,7 @@ class OwnModel(Given):
     """
 
     file: Annotated[
-        str, Meta(pattern=_FILE, description='"file.py:function", "my_worm.py:build" say')
+        str, Meta(pattern=_FILE, description='"file.py:function", such as "my_worm.py:build"')
     ] = entry("a Python file, relative to the scene's folder, and a function in it")
     parameters: dict[str, Any] = entry(
         "arguments of that function by name: text, true, false, finite numbers, and lists and "

@@ -84,12 +84,12 @@ class Line(Given):
         if coils.count < 2:
             yield (
                 "coils.count",
-                "a single coil is no row along which a wave travels; write 2 or more",
+                "a wave needs two or more coils; write at least 2",
             )
         elif 2 * self.margin >= coils.count - 1:
             yield (
                 "line.margin",
-                f"{self.margin} coils at each end leave nothing of {coils.count}; write at most "
+                f"{self.margin} coils at each end leave none of {coils.count}; write at most "
                 f"{(coils.count - 2) // 2}",
             )
 
@@ -288,7 +288,7 @@ class SwitchedRow(AlongRow, kind="coil-row"):
     def limits_of_the_row(self) -> Iterator[str]:
         yield from self.coils.too_hot(self.currents_max)
         if not self.harmonic_shares.any():
-            yield "the field does not vary along the row: there is no wave"
+            yield "the field does not vary along the row, so there is no wave"
 
 
 def quadrature_error(row: CoilRow, currents: Gait, z: float) -> float:

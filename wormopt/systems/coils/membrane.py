@@ -251,7 +251,7 @@ class MembraneThickness(SIStudy, kind="membrane"):
         if self.thickness[1] >= self.membrane.radius:
             yield (
                 "thickness[1]",
-                f"{self.thickness[1]:g} m is no thin wall of a tube of radius "
+                f"{self.thickness[1]:g} m is not thin for a tube of radius "
                 f"{self.membrane.radius:g} m; write less than membrane.radius",
             )
 

@@ -462,7 +462,7 @@ class Loads:
     velocity : ndarray, shape (m, n, 2)
         Velocities of the masses along their headings and to their left, by the phase.
     pinned : ndarray, shape (m, n)
-        Which masses are pins.
+        Whether each mass is a pin.
     """
 
     tau: np.ndarray

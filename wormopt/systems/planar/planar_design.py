@@ -223,7 +223,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
             yield "grips", "applies to dry ground only; leave it out"
         yield from wrong_count("grips", self.grips, self.body.links + 1, "masses")
         if self.body.lengths is None and self.limits.length is None:
-            yield "limits.length", "missing; lengths are shape variables: write [0.5, 1.0], say"
+            yield "limits.length", "missing; lengths vary: write for example [0.5, 1.0]"
 
     # -- computing ---------------------------------------------------------------------------------
 

@@ -48,7 +48,7 @@ Pose = Annotated[
     tuple[Finite, ...],
     Meta(min_length=3, max_length=3, description="[x, y, angle], three finite numbers"),
 ]
-Mass = Annotated[int, Meta(ge=0, le=200, description="a mass, a whole number from 0 on")]
+Mass = Annotated[int, Meta(ge=0, le=200, description="a mass, a whole number, 0 or above")]
 Name = Annotated[str, Meta(min_length=1, max_length=40, description="a short name in quotes")]
 
 # Accepted difference of plan and simulation, over the size of the path; the simulation of crawls

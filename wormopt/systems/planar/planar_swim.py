@@ -182,7 +182,7 @@ class PlanarSwim(Study, kind="planar-swim"):
                 if vary:
                     yield (
                         "limits.length",
-                        "missing; lengths are shape variables: write [0.5, 1.5], say",
+                        "missing; lengths vary: write for example [0.5, 1.5]",
                     )
             elif len(pair) != 2 or not pair[0] < pair[1]:
                 yield f"limits.{name}", "write [smallest, largest], the smaller number first"

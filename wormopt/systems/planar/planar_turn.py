@@ -68,7 +68,7 @@ class TurnInPlace(Given, kw_only=False):
             yield (
                 "short",
                 "too close to long to determine numerically which link swings; "
-                f"write {0.999 * self.long:g}, say",
+                f"write for example {0.999 * self.long:g}",
             )
         for name in ("straight", "bent"):
             if abs(getattr(self, name)) >= math.pi:

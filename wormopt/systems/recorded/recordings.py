@@ -313,7 +313,7 @@ def model_of(tables: dict[str, Any], which: str, study: Study, key: str = "model
         raise SceneError(study.name, [(f"{key}.kind", f"{what}; {hint}")])
     if which not in models and (which or len(models) > 1):
         there = near(which, models)
-        raise SceneError(study.name, [("which", f'"{which}" is no model of the scene; {there}')])
+        raise SceneError(study.name, [("which", f'"{which}" is not a model of the scene; {there}')])
     return models[which] if which in models else next(iter(models.values()))
 
 

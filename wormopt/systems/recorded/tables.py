@@ -46,8 +46,8 @@ SceneTables = Annotated[
     says(
         "",
         "a scene: `scene`, a file or a packaged scene, with other keys that change it; or `kind` "
-        'with all its tables; or `file`, `"my_worm.py:build"` say, and `parameters` of your own '
-        "model, as in scenes of kind `simulate`",
+        'with all its tables; or `file`, such as `"my_worm.py:build"`, and `parameters` of your '
+        "own model, as in scenes of kind `simulate`",
     ),
 ]
 Which = Annotated[str, says("", "label of the model, if the scene in `[model]` has several")]

@@ -250,7 +250,7 @@ class Objective(Given, kw_only=False):
         if what == "speed" and speed is not None:
             raise ArgumentError(
                 "speed is given, but the mean speed is maximised; leave it out, or minimise a cost "
-                f'at this speed: objective="{costs[0]}", say'
+                f'at this speed, for example objective="{costs[0]}"'
             )
         return cls(None if what == "speed" else what, speed)
 

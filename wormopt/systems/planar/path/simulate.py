@@ -307,7 +307,7 @@ def simulate_path(
             )
         else:
             raise ArgumentError(
-                f"{step.name!r} is neither constrained nor a crawl; make it by gait_family"
+                f"{step.name!r} is neither constrained nor a crawl; make it with gait_family"
             )
         when.append(k + tau[1:])
         course.append(found[1:])

@@ -201,7 +201,7 @@ def rest_fault(task: PathTask, library: Library) -> str:
         places = pose[:2] + rotate(pose[2], library.rest)
         room = float(task.room(places, library.radius))
         if room == -np.inf:
-            return f"at the {name} the body lies inside an obstacle"
+            return f"at the {name} the body is inside an obstacle"
         if room < 0:
             return f"at the {name} the body lacks {-room:.3g} of room to obstacles or corridor"
     return ""

@@ -37,7 +37,7 @@ class BristleMotion:
     position : numpy.ndarray, shape (n+1, m)
         Positions of the masses; the head starts at 0.
     holding : numpy.ndarray of bool, shape (n+1, m)
-        Which bristles hold.
+        Whether each bristle holds.
     speed : float
         Mean speed, from the largest cycle mean.
     period_error : float
