@@ -13,6 +13,7 @@ from wormopt.study import (
     Study,
     arrays,
     checks,
+    number,
     on_use,
     parts,
     scalar,
@@ -47,6 +48,14 @@ with on_use():
         with_keys,
     )
 
+# A key of each kind: a base with keys of its own cannot stand beside the tables of designs.
+CONFIDENCE = number(
+    "share",
+    "confidence that the gait meets its limits at all times",
+    least=0.5,
+    below=1,
+    default=0.9999,
+)
 _ACCEPTED = 1e-9  # share by which a limit on the plant may be exceeded
 
 
