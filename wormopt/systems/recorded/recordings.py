@@ -55,7 +55,7 @@ def read_columns(path: Path, time: str) -> Columns:
     try:
         found = _read(path, time, wrong)
     except OSError as error:
-        raise _unusable(path, f" cannot be read: {error.strerror}") from None
+        raise _unusable(path, f" cannot be read: {error.strerror}; name a file that can") from None
     if found is None or wrong:
         more = len(wrong) - _REPORTED
         rest = [f": and {more} more such faults"] if more > 0 else []
