@@ -22,6 +22,7 @@ from wormopt.study import (
     stage,
     value,
 )
+from wormopt.systems.recorded.found import checks_of_noise
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked import (
     DESIGN_SCALARS,
@@ -246,6 +247,7 @@ class BelievedDesign(Study):
             advice = f"the fit did not converge: {fitted.reason}"
             yield Check("fit", fitted.offset, 0.0, advice, passed=False)
             return
+        yield from checks_of_noise(fitted)
         yield from self.second_route.checks
         if self.is_tested:
             yield from self._checks_of_plant(self.test_on_plant.motion)
