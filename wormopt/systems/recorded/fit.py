@@ -169,12 +169,15 @@ class FitRecordings(FromScene, kind="fit"):
             if not getattr(self, key):
                 yield key, f"no entry is given; write a table [[{key}]]"
         yield from named_twice((unknown.name for unknown in self.unknown), "unknown")
+        declared: Mapping[str, tuple[str, ...]] = {}
         try:
-            scene_of(self.model, self.folder, self.units)
+            inner = scene_of(self.model, self.folder, self.units).table
         except SceneError as error:
             yield from error.faults
+        else:  # signals of an own model have any quantities
+            declared = {} if getattr(inner, "model", None) else inner.variables
         for k, recording in enumerate(self.recording):
-            for key, what in recording.faults_in(self.folder, self.units):
+            for key, what in recording.faults_in(self.folder, self.units, declared):
                 yield f"recording[{k}].{key}", what
         yield from named_twice((one.label for one in self.recording), "recording")
         yield from self._faults_of_wants()

@@ -184,7 +184,7 @@ class FitDesign(DesignTable, BelievedDesign, kind="fit-design"):
         if not self.recording:
             yield "recording", "no entry is given; write a table [[recording]]"
         for k, recording in enumerate(self.recording):
-            for key, what in recording.faults_in(self.folder, self.units):
+            for key, what in recording.faults_in(self.folder, self.units, self.variables):
                 yield f"recording[{k}].{key}", what
             yield from recording.gait.faults(self.worm.links, self.folder, f"recording[{k}].gait")
             if recording.use != "fit":
