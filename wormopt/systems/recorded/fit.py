@@ -169,7 +169,7 @@ class FitRecordings(FromScene, kind="fit"):
             if not getattr(self, key):
                 yield key, f"no entry is given; write a table [[{key}]]"
         yield from named_twice((unknown.name for unknown in self.unknown), "unknown")
-        declared: Mapping[str, tuple[str, ...]] = {}
+        declared: Mapping[str, tuple[str, tuple[str, ...], str]] = {}
         try:
             inner = scene_of(self.model, self.folder, self.units).table
         except SceneError as error:

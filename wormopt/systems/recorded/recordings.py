@@ -232,7 +232,7 @@ class RecordingFile(Given):
                 )
 
     def faults_in(
-        self, folder: Path, units: str, declared: Mapping[str, tuple[str, ...]]
+        self, folder: Path, units: str, declared: Mapping[str, tuple[str, tuple[str, ...], str]]
     ) -> Iterator[Fault]:
         """Yield faults of units in a scene with `units`, and of a text file in its folder.
 
