@@ -466,6 +466,7 @@ test_what_is_wrong_in_a_scene_is_said = refusals(
 )
 
 
+@pytest.mark.slow
 def test_low_waves_of_the_least_field_are_one_shape():
     """Of small waves the field is linear in the amplitude, and the flow quadratic."""
     field = []
