@@ -148,7 +148,7 @@ def result_at(given: str | Path) -> Result:
         try:
             return Result.load(path)
         except OSError as error:
-            why = f"cannot be read: {error.strerror or error}"
+            why = f"cannot be read: {error.strerror or error}; name another, or run its scene again"
         except ValueError:
             why = "is not a result of wormopt, or is damaged; name another, or run its scene again"
     raise ArgumentError(f"{given}: {why}")
@@ -162,7 +162,7 @@ def _missing(path: Path) -> str:
         if path.exists():
             return ""
     except (OSError, ValueError) as error:
-        return f"cannot be read: {getattr(error, 'strerror', error)}"
+        return f"cannot be read: {getattr(error, 'strerror', error)}; name another"
     usual = Path("results") / path
     if (usual / RESULT_FILE).exists():
         return f"there is no such folder or file; did you mean {usual}?"

@@ -509,5 +509,5 @@ def test_the_bound_of_every_gait_is_drawn_over_time():
 
 @pytest.mark.parametrize("name", SAVED_SCENES)
 def test_saved_results_can_be_made_anew(name: str):
-    assert (SAVED / f"{name}.nc").exists()
+    assert wo.Result.load(SAVED / f"{name}.nc").status in ("ok", "unchecked")
     wo.load_scene(name, SAVED_SCENES[name])

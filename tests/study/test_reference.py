@@ -16,7 +16,7 @@ from wormopt.cli import main
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
 from wormopt.study import packaged_scenes
-from wormopt.study.given import meaning
+from wormopt.study.given import Given, default_of, meaning
 from wormopt.study.reference import page, schema, tables_below
 
 SCENES = DOCS / "scenes.md"
@@ -78,6 +78,24 @@ def test_packaged_scenes_keep_to_the_schema(name: str):
     validator(raw["kind"]).validate(raw)
     wrong: dict[str, Any] = {**raw, "no_such_key": 1}
     assert not validator(raw["kind"]).is_valid(wrong)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_schema_has_the_defaults_of_the_kind(kind: str):
+    """Editors show defaults of keys: those of a table in part are those of its key."""
+    table, defined = KINDS[kind].load(), schema(kind)["$defs"]
+    for field in msgspec.structs.fields(table):
+        given = default_of(field)
+        if not isinstance(given, Given) or given.__struct_config__.tag_field:
+            continue
+        node = defined[table.__name__]["properties"][field.encode_name]
+        ref = node["$ref"].rpartition("/")[2] if "$ref" in node else ""
+        shown = (defined[ref] if ref else node)["properties"]
+        for key, value in json.loads(msgspec.json.encode(given)).items():
+            if "default" in shown[key]:
+                assert json.loads(json.dumps(shown[key]["default"])) == value, (field.name, key)
+            else:  # a class
+                assert "$ref" in shown[key], (field.name, key)
 
 
 def test_the_command_prints_the_schema(capsys: Capture):

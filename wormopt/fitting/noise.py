@@ -68,16 +68,27 @@ def unexplained(asked: FitTask, task: FitTask, plain: np.ndarray) -> Iterator[st
     Unknown noise is compared with the scatter of successive readings, which `asked` contains.
     """
     left = plain[: task.count] * task.deviations / asked.deviations
-    if task.loss == "linear":
-        sizes = [float(np.sqrt(np.mean(left[rows] ** 2))) for rows in task.groups.values()]
-    else:
-        sizes = [float(np.median(np.abs(left[rows]))) / MEDIAN for rows in task.groups.values()]
+    sizes = [_size_of(task, left[rows]) for rows in task.groups.values()]
     if max(sizes) > _EXPLAINED:
         which = "given noise" if not asked.estimated else "scatter of the readings"
         yield f"residuals are {max(sizes):.2g} times the {which}"
     chances = [p for block in task.blocks for p in _chances(block, left)]
     if min(chances, default=1.0) < _LACKING:
         yield f"residuals are correlated, unlike noise (p = {min(chances):.1g})"
+
+
+def excess(found: Fit) -> float:
+    """Largest size of the residuals of a signal, over the noise given for it; 0 if none is."""
+    task, left = found.task, found.task.plain(found.theta)[0]
+    given = [rows for signal, rows in task.groups.items() if signal not in found.estimated]
+    return max((_size_of(task, left[rows]) for rows in given), default=0.0)
+
+
+def _size_of(task: FitTask, left: np.ndarray) -> float:
+    """Standard deviation of residuals; by the median where the loss expects outliers."""
+    if task.loss == "linear":
+        return float(np.sqrt(np.mean(left**2)))
+    return float(np.median(np.abs(left))) / MEDIAN
 
 
 def _chances(block: Block, left: np.ndarray) -> Iterator[float]:

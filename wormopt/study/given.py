@@ -51,10 +51,10 @@ from wormopt.study.toml import Overrides, as_toml, override
 
 _LARGEST = sys.float_info.max
 _SMALL, _LARGE = 1e-30, 1e30
-# Former names of keys, and their present names: the first that a table has.
-_RENAMED = {
+# Other names of keys, former ones among them, and those meant: the first that a table has.
+_MEANT = {
     "aim": ("objective",),
-    "course": ("time", "route"),
+    "course": ("time", "route", "start"),
     "duration": ("end",),
     "force": ("actuator_force",),
     "grid": ("mesh",),
@@ -474,7 +474,7 @@ def read_table(
     tag_key = table.__struct_config__.tag_field
     before = len(faults)
     faults += (
-        (_join(path, key), _unknown(key, table, list(known)))
+        (_join(path, key), _unknown(key, raw[key], table, list(known)))
         for key in raw
         if key not in known and key != tag_key
     )
@@ -689,15 +689,17 @@ def _listed_in(kind: Any) -> Any:
     return None
 
 
-def _unknown(key: str, table: type[Given], known: list[str]) -> str:
+def _unknown(key: str, value: Any, table: type[Given], known: list[str]) -> str:
     config = table.__struct_config__
     where = f' with {config.tag_field} = "{config.tag}"' if config.tag_field else ""
-    if renamed := [new for new in _RENAMED.get(key, ()) if new in known]:
-        return f"unknown key{where}; it is called {renamed[0]} now"
-    close = get_close_matches(key, known, n=1)
-    below = [] if close else list(_paths_to(key, table))
-    if close or len(below) == 1:
-        return f"unknown key{where}; did you mean {(close or below)[0]}?"
+    near = [new for new in _MEANT.get(key, ()) if new in known]
+    if isinstance(value, Mapping):  # the table that has its keys
+        has = {path.split(".")[0] for name in value for path in _paths_to(name, table)}
+        near.sort(key=lambda new: new not in has)
+    near = near or get_close_matches(key, known, n=1)
+    below = [] if near else list(dict.fromkeys(_paths_to(key, table)))
+    if near or len(below) == 1:
+        return f"unknown key{where}; did you mean {(near or below)[0]}?"
     return f"unknown key{where}; allowed here: {', '.join(known)}"
 
 

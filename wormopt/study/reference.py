@@ -32,11 +32,12 @@ def schema(kind: str) -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$comment": f"made by wormopt schema {kind}",
     }
-    found = {**about, **found, "$defs": parts}
+    found = about | found
     parts[table.__name__]["properties"]["sweep"] = sweep
     for part in parts.values():
         part["description"] = _without_python(inspect.cleandoc(part.get("description", "")))
-    for part in (*tables_below(table), Swept):
+    tables = dict.fromkeys((*tables_below(table), Swept))
+    for part in tables:
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
             quantity, what = meaning(field.type)
@@ -45,7 +46,37 @@ def schema(kind: str) -> dict[str, Any]:
             if quantity:
                 described = _or_with_unit(properties[field.encode_name], quantity)
                 properties[field.encode_name] = described | {"quantity": quantity}
-    return found
+    own = {part.__name__: _with_defaults(part, None, parts) for part in tables}
+    return found | {"$defs": parts | own}
+
+
+def _with_defaults(
+    table: type[msgspec.Struct], default: Given | None, parts: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """Schema of a table with the values of `default`, which need not be those of its class."""
+    found = parts[table.__name__]
+    properties = dict(found["properties"])
+    for field in msgspec.structs.fields(table):
+        name, value = field.encode_name, default_of(field, default)
+        if default is not None:
+            shown = msgspec.json.decode(msgspec.json.encode(value))
+            properties[name] = properties[name] | {"default": shown}
+        if isinstance(value, Given) and not value.__struct_config__.tag_field:
+            own, shared = _with_defaults(type(value), value, parts), parts[type(value).__name__]
+            if own != shared:
+                properties[name] = _in_place(properties[name], type(value).__name__, own)
+    required = {} if default is None else {"required": []}
+    return found | {"properties": properties} | required
+
+
+def _in_place(node: dict[str, Any], name: str, own: dict[str, Any]) -> dict[str, Any]:
+    """Schema of a key with that of its table in place of the reference to `name`."""
+    if node.get("$ref") == f"#/$defs/{name}":
+        return own | {key: node[key] for key in node if key != "$ref"}
+    return {
+        key: [_in_place(one, name, own) for one in part] if key == "anyOf" else part
+        for key, part in node.items()
+    }
 
 
 def _or_with_unit(node: dict[str, Any], quantity: str) -> dict[str, Any]:

@@ -157,7 +157,7 @@ def _find(file: str) -> Path:
         if path.exists():
             raise SceneError(file, [("", "is not a file; write the name of a .toml file")])
     except OSError as error:
-        raise SceneError(file, [("", f"cannot be read: {error.strerror}")]) from error
+        raise SceneError(file, [("", f"cannot be read: {error.strerror}; name another")]) from error
     close = _near(path) or get_close_matches(file, packaged, n=1)
     hint = f"did you mean {close[0]}?" if close else "`wormopt list` names the packaged scenes"
     raise SceneError(file, [("", f"there is no such file or packaged scene; {hint}")])
@@ -174,7 +174,7 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
-        message = f"cannot be read: {error.strerror}"
+        message = f"cannot be read: {error.strerror}; name a file that can"
     except UnicodeDecodeError as error:
         message = f"is not UTF-8 text (byte {error.start}); save it as UTF-8"
         if path.suffix == ".nc":

@@ -340,7 +340,7 @@ def test_sizes_are_those_of_the_scene(changes: dict, tmp_path: Path):
             'worm.friction={kind="coulomb", forward=[0.0, 0.0, 0.0], backward=9.0}',
             r"worm\.friction: resists no forward motion",
         ),
-        ("limits.force=3.0", "it is called actuator_force now"),
+        ("limits.force=3.0", "did you mean actuator_force"),
     ],
 )
 def test_limits_that_do_not_fit_are_refused(changes: str, words: str):

@@ -27,7 +27,7 @@ from wormopt.progress import silent
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.systems.channel import rod_frequency
 from wormopt.systems.channel.rod import Rod
-from wormopt.systems.channel.rod_course import RodPoint, mean_velocity
+from wormopt.systems.channel.rod_course import RodPoint, checks_of_motion, mean_velocity
 from wormopt.systems.channel.rod_frequency import rod_points
 from wormopt.systems.channel.rod_model import (
     block_load,
@@ -237,6 +237,13 @@ def case(rate: float = 50.0, **tables: dict[str, Any]) -> RodMotion:
     coarse = {"mesh": {"elements": 10, "degree": 1}, "time": {"cycles": 4, "end": 0.05}}
     plain = RodMotion(units="SI", switching=Switching(frequency=rate))
     return plain.varied(**(coarse | tables))
+
+
+def test_a_rod_that_the_coils_hardly_move_stands_still_with_its_energy_balanced():
+    """The field's work is less than the round-off of the energy stored."""
+    weak = case(coils={"ampere_turns": 1e-6}).point
+    assert weak.velocity == pytest.approx(0, abs=1e-12)
+    assert all(check.passed for check in checks_of_motion(weak))
 
 
 def test_a_rod_in_a_travelling_field_goes_against_it_and_balances_its_energy():

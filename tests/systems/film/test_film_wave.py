@@ -464,3 +464,19 @@ test_what_is_wrong_in_a_scene_is_said = refusals(
     units="SI" | units | "dimensionless"
     """,
 )
+
+
+@pytest.mark.slow
+def test_low_waves_of_the_least_field_are_one_shape():
+    """Of small waves the field is linear in the amplitude, and the flow quadratic."""
+    field = []
+    for flow in (1e-7, 1e-5):
+        changes = [
+            f'objective={{minimise="field", mean_flow={flow}}}',
+            "limits={thickness=[0.5, 1.5]}",
+            "search.crests=1",
+        ]
+        result = wo.run(load_scene("film_wave_design", changes))
+        assert result.status == "ok", flow
+        field.append(result["field_range"].value)
+    assert field[1] == pytest.approx(10 * field[0], rel=1e-3)

@@ -451,3 +451,46 @@ model.worm = { pitch = 0.01, channel = 0.011, body = 0.004, length = 0.048 }
 def test_a_measurement_is_named_by_its_changes():
     one = Measured(scalar="rise", value=0.02, deviation=1e-3, changes={"worm.length": 0.1})
     assert one.name == "rise with worm.length = 0.1"
+
+
+@pytest.mark.parametrize(("noise", "status"), [(0.1, "ok"), (0.005, "failed")])
+def test_a_fit_that_does_not_describe_its_data_is_not_accepted(
+    noise: float, status: str, tmp_path: Path
+):
+    """The readings swing by 0.1 about the decay that the model can do."""
+    (tmp_path / "decay.py").write_text(
+        "import casadi as ca, wormopt as wo\n"
+        "def build():\n"
+        "    x, rate = ca.SX.sym('x'), ca.SX.sym('rate')\n"
+        "    return wo.Model('decay', [wo.Signal('x', x, value=1.0)], -rate * x,\n"
+        "                    p=[wo.Signal('rate', rate, value=1.0)])\n"
+    )
+    time = np.linspace(0.0, 3.0, 40)
+    rows = np.column_stack([time, np.exp(-time) + 0.1 * np.sin(2 * time)])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="time,x", comments="")
+    scene = {
+        "schema": 1, "kind": "fit", "model": {"file": "decay.py:build"}, "noise": {"x": noise},
+        "recording": [{"file": "run.csv"}], "unknown": [{"name": "rate"}], "search": {"seeds": 1},
+    }  # fmt: skip
+    result = wo.run(scene_within(tmp_path, "swinging", scene))
+    assert result.status == status
+    size = next(c.value for c in result.checks if c.name == "residuals over the noise given")
+    assert size == pytest.approx(float(result["chi2_per_reading"].value) ** 0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("units", "key", "what"),
+    [
+        ({"x0": "20 ms"}, "x0", '"20 ms" is not a unit of length; write m'),
+        ({"u0": "mm"}, "u0", '"mm" is not a unit of force; write N'),
+        ({"time": "-0.21 mm"}, "time", '"-0.21 mm" is not a unit of time; write s'),
+    ],
+)
+def test_units_of_other_quantities_are_refused_before_a_run(
+    units: dict[str, str], key: str, what: str
+):
+    with pytest.raises(SceneError) as refused:
+        load_scene("fit_chain", {"recording[0].units": units})
+    assert list(refused.value.faults) == [
+        (f"recording[0].units.{key}", f"{what}, or a multiple of it")
+    ]

@@ -34,8 +34,9 @@ ASSUMED = {
 _BATCHES, _CONFIDENCE = 8, 0.95
 # Accepted error of the field's work by round-off and steps, depth in walls, and error of the field.
 _ENERGY, _DEPTH, _FIELD = 0.01, 0.05, 0.05
-# Velocities are compared relative to at least this share of the field's, because a rod may stand
-# still. A velocity with a relative error above the second share is not compared.
+# Velocities are compared relative to at least this share of the field's, and errors of the energy
+# to at least the energy of the rod at this speed, because a rod may stand still. A velocity with a
+# relative error above the second share is not compared.
 _STILL, _KNOWN = 0.01, 0.5
 # Number of states whose energies are computed together.
 _BLOCK = 512
@@ -101,7 +102,9 @@ class RodPoint(Mean):
         "unknown if it never lay over a block",
     )
     energy_error: float = value(
-        "share", "largest error of the energy balance, over the work of the field"
+        "share",
+        "largest error of the energy balance, over the work of the field (or the energy of the rod "
+        "at a hundredth of the field's speed, if that is more)",
     )
     field_error: float = value(
         "share", "largest error of the series of *H*², over the largest *H*²"
@@ -198,8 +201,13 @@ def checks_of_change(
         )
 
 
-def energy_error(model: Model, steps: StepRecord, numbers: dict[str, float]) -> float:
-    """Return the largest difference of the energy from the work on the rod, over the field's."""
+def energy_error(
+    model: Model, steps: StepRecord, numbers: dict[str, float], mass: float, field_speed: float
+) -> float:
+    """Return the largest difference of the energy from the work on the rod, over the field's.
+
+    `mass`: of the rod, whose kinetic energy at a hundredth of `field_speed` is the least divisor.
+    """
     energy = ca.Function(
         "energy",
         [pack(model.x), pack(model.p)],
@@ -210,8 +218,10 @@ def energy_error(model: Model, steps: StepRecord, numbers: dict[str, float]) -> 
     parts = [energy(steps.states[:, first : first + _BLOCK], p) for first in blocks]
     stored = np.hstack([np.array(part).ravel() for part in parts])
     done = sum(steps.work.values())
-    scale = np.abs(np.diff(steps.work["load_power"])).sum()
-    return float(np.abs(stored - stored[0] - done).max() / scale) if scale else 0.0
+    scale = max(
+        np.abs(np.diff(steps.work["load_power"])).sum(), mass / 2 * (_STILL * field_speed) ** 2
+    )
+    return float(np.abs(stored - stored[0] - done).max() / scale)
 
 
 def length_between(x: np.ndarray, y: np.ndarray, first: float, last: float) -> float:

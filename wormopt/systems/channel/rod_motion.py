@@ -326,12 +326,15 @@ class RodMotion(RodStudy, kind="rod-motion"):
     @parts(RodPoint)
     def point(self) -> RodPoint:
         steps, n = self.motion, self.rod.count
+        mass = float(self.rod.inertia[0].sum())
         mean = mean_velocity(steps.time, self.mean_place, self.cycle, self.time.settle)
         across = steps.states[n : 2 * n]
         return RodPoint(
             **asdict(mean),
             rate=self.switching.frequency,
-            energy_error=energy_error(self.stepper.model, steps, self.numbers),
+            energy_error=energy_error(
+                self.stepper.model, steps, self.numbers, mass, self.field_speed
+            ),
             penetration=max(float(np.abs(across).max()) / self.room - 1, 0.0),
             field_error=max(field.error for field in self.fields),
             arc_length=self._segment_length(),

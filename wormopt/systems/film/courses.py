@@ -44,8 +44,10 @@ OUTCOMES: tuple[Outcome, ...] = ("wave", "other", "moving", "breaks", "unresolve
 TAIL = 1e-3
 """Largest share of the highest harmonics in a resolved film."""
 
-# Times between two checks of the least thickness, in periods; each is longer by this factor.
-_FIRST_SPAN, _LONGER = 2.0, 10.0
+# Times between two checks of the least thickness, in periods; each is longer by this factor. The
+# first is no longer than the second number over the tension, since the integrator takes no steps
+# that are very small against it: the slowest ripple decays at a third of the tension.
+_FIRST_SPAN, _DECAYED, _LONGER = 2.0, 100.0, 10.0
 _CLOSER = 64
 # A film whose highest harmonics are below this share is resolved without a second resolution.
 _ENOUGH = 1e-6
@@ -204,7 +206,8 @@ def _integrated(
     kept = np.linspace(0.0, setting.duration.periods * turn, setting.duration.samples)
     state = film_volume(setting.start(grid(points)), order=order)
     times, states = [kept[:1]], [state[:, None]]
-    steps, span, begin, failed = 0, _FIRST_SPAN, 0.0, False
+    span = min(_FIRST_SPAN, _DECAYED / setting.tension)
+    steps, begin, failed = 0, 0.0, False
     while begin < kept[-1] and not failed:
         end = min(begin + span * turn, kept[-1])
         end = kept[-1] if kept[-1] - end < 0.5 * (end - begin) else end

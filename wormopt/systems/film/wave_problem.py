@@ -39,6 +39,9 @@ TURN = 2 * math.pi
 # Initial factor on the field of a cosine wave, for a wave that must hold a float or have a given
 # flow.
 _AMPLE = 1.5
+# The thickness of a low wave is scaled by this many amplitudes of a cosine wave close to it: in
+# units of the mean, the errors allowed would be as large as the wave.
+_TALL = 3.0
 # Distance of an initial cosine wave from its limits.
 _INSIDE = 0.98
 _NODES = 4096
@@ -287,7 +290,8 @@ def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
     delta, size = nearby_cosine(limits, aim)
     flow = ca.SX.sym("mean_flow")
     strength = ca.SX.sym("field_range") if limits.field is None else ca.SX(limits.field)
-    model = _film(limits, flow, strength, size)
+    swing = min(1.0, _TALL * delta)
+    model = _film(limits, flow, strength, size, swing)
     h, constant = model.x[0].symbol, flow - 1
     slower = -3 * constant - h
     drift = aim.seek == "drift"
@@ -315,18 +319,21 @@ def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
         periodic=[signal.name for signal in model.x],
         integrands=ca.vertcat(h, 2 * h / slower) if drift else h,
         path_constraints=along,
-        boundary_constraints=[*_at_ends(model, ends, aim, constant)],
+        boundary_constraints=[*_at_ends(model, ends, aim, constant, swing)],
         design=design,
     )
 
 
-def _film(limits: WaveLimits, flow: ca.SX, strength: ca.SX, size: float) -> Model:
-    """Eq. 29 over the phase, with the field as its input, or as a state if its slope is limited."""
+def _film(limits: WaveLimits, flow: ca.SX, strength: ca.SX, size: float, swing: float) -> Model:
+    """Eq. 29 over the phase, with the field as its input, or as a state if its slope is limited.
+
+    `size`: usual range of the field; `swing`: of the thickness.
+    """
     h, slope, m, field = (ca.SX.sym(name) for name in ("thickness", "slope", "pressure", "field"))
     least, most = limits.thickness
-    steep = math.sqrt(size * min(most - least, 1.0) / limits.tension)
+    steep = math.sqrt(size * min(most - least, swing) / limits.tension)
     states = [
-        Signal("thickness", h, lower=least, upper=most),
+        Signal("thickness", h, nominal=swing, lower=least, upper=most),
         Signal("slope", slope, nominal=steep),
         Signal("pressure", m, nominal=size),
     ]
@@ -340,19 +347,23 @@ def _film(limits: WaveLimits, flow: ca.SX, strength: ca.SX, size: float) -> Mode
     return plain if limits.gradient is None else ramped(plain, limits.gradient)
 
 
-def _at_ends(model: Model, ends: Ends, aim: WaveAim, constant: ca.SX) -> Iterator[Constraint]:
-    yield Constraint("volume", ends.integrals[0], TURN, TURN, TURN)
+def _at_ends(
+    model: Model, ends: Ends, aim: WaveAim, constant: ca.SX, swing: float
+) -> Iterator[Constraint]:
+    # the flow, which an error of the volume adds to, is of the second order in the swing
+    yield Constraint("volume", ends.integrals[0], TURN, TURN, TURN * swing**2)
     steep = model.x[1].nominal
     if aim.on_crest:
         yield Constraint("phase", ends.start[1], 0.0, 0.0, steep)
-        yield Constraint("crest", ends.start[0], lower=1.0)
+        yield Constraint("crest", ends.start[0], lower=1.0, nominal=swing)
     else:
-        yield Constraint("phase", ends.start[0], 1.0, 1.0)
+        yield Constraint("phase", ends.start[0], 1.0, 1.0, swing)
         yield Constraint("front", ends.start[1], lower=0.0, nominal=steep)
     if aim.capture:
         yield Constraint("objective.capture", ends.start[0] + 3 * constant, lower=0.0)
     if aim.mean_flow is not None:
-        yield Constraint("objective.mean_flow", 1 + constant, lower=aim.mean_flow)
+        flow, least = 1 + constant, aim.mean_flow
+        yield Constraint("objective.mean_flow", flow, lower=least, nominal=least)
 
 
 def nearby_cosine(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from wormopt.study import (
     Study,
     arrays,
     checks,
+    number,
     on_use,
     parts,
     scalar,
@@ -21,6 +22,7 @@ from wormopt.study import (
     stage,
     value,
 )
+from wormopt.systems.recorded.found import checks_of_noise
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked import (
     DESIGN_SCALARS,
@@ -47,6 +49,14 @@ with on_use():
         with_keys,
     )
 
+# A key of each kind: a base with keys of its own cannot stand beside the tables of designs.
+CONFIDENCE = number(
+    "share",
+    "confidence that the gait meets its limits at all times",
+    least=0.5,
+    below=1,
+    default=0.9999,
+)
 _ACCEPTED = 1e-9  # share by which a limit on the plant may be exceeded
 
 
@@ -237,6 +247,7 @@ class BelievedDesign(Study):
             advice = f"the fit did not converge: {fitted.reason}"
             yield Check("fit", fitted.offset, 0.0, advice, passed=False)
             return
+        yield from checks_of_noise(fitted)
         yield from self.second_route.checks
         if self.is_tested:
             yield from self._checks_of_plant(self.test_on_plant.motion)

@@ -31,7 +31,7 @@ from wormopt.study import (
 from wormopt.study.members import NotComputedError
 from wormopt.study.numerics import Contacts, ExactContact
 from wormopt.study.types import Positive, Seed
-from wormopt.systems.recorded.found import Found, label_of, unit_of_directions
+from wormopt.systems.recorded.found import Found, checks_of_noise, label_of, unit_of_directions
 from wormopt.systems.recorded.recordings import RecordingFile, Run, model_of, runs_of
 from wormopt.systems.recorded.tables import (
     FromScene,
@@ -122,7 +122,7 @@ class FitRecordings(FromScene, kind="fit"):
 
     Refused, with line and column: text instead of numbers; times that decrease or are missing;
     lines of different lengths; units that do not fit their signals. Exit code 3: the search did not
-    converge.
+    converge, or residuals are more than three times as large as the noise given.
     """
 
     pictures: ClassVar = {
@@ -169,12 +169,15 @@ class FitRecordings(FromScene, kind="fit"):
             if not getattr(self, key):
                 yield key, f"no entry is given; write a table [[{key}]]"
         yield from named_twice((unknown.name for unknown in self.unknown), "unknown")
+        declared: Mapping[str, tuple[str, tuple[str, ...], str]] = {}
         try:
-            scene_of(self.model, self.folder, self.units)
+            inner = scene_of(self.model, self.folder, self.units).table
         except SceneError as error:
             yield from error.faults
+        else:  # signals of an own model have any quantities
+            declared = {} if getattr(inner, "model", None) else inner.variables
         for k, recording in enumerate(self.recording):
-            for key, what in recording.faults_in(self.folder, self.units):
+            for key, what in recording.faults_in(self.folder, self.units, declared):
                 yield f"recording[{k}].{key}", what
         yield from named_twice((one.label for one in self.recording), "recording")
         yield from self._faults_of_wants()
@@ -450,6 +453,7 @@ class FitRecordings(FromScene, kind="fit"):
         found = self.estimation
         advice = f"the search did not converge: {found.reason}" if found.reason else ""
         yield Check("distance from the bottom", found.offset, 1.0, advice, found.converged)
+        yield from checks_of_noise(found)
         if drawn := self._assessed("sampling"):
             advice = f"the posterior samples are not reliable: {'; '.join(drawn.doubts)}"
             yield Check("doubts of the posterior", float(len(drawn.doubts)), 0.0, advice)

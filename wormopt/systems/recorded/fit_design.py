@@ -22,7 +22,7 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import PerMass, Positive, Seed, per
-from wormopt.systems.recorded.believed_design import BelievedDesign
+from wormopt.systems.recorded.believed_design import CONFIDENCE, BelievedDesign
 from wormopt.systems.recorded.recordings import RecordingFile, Run, read_all, run_of
 from wormopt.systems.recorded.tables import named_twice
 from wormopt.systems.shared.studies import refused_at
@@ -158,13 +158,7 @@ class FitDesign(DesignTable, BelievedDesign, kind="fit-design"):
     recording: tuple[CrawlRecording, ...] = entry("recorded runs of the worm")
     fit: CrawlFit = entry("the fit", default=CrawlFit)
     objective: Objective = entry("the objective")
-    confidence: float = number(
-        "share",
-        "confidence that the gait meets its limits at all times",
-        least=0.5,
-        below=1,
-        default=0.9999,
-    )
+    confidence: float = CONFIDENCE
     plant: Plant | None = entry("the real worm, to test the gait on", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
@@ -190,7 +184,7 @@ class FitDesign(DesignTable, BelievedDesign, kind="fit-design"):
         if not self.recording:
             yield "recording", "no entry is given; write a table [[recording]]"
         for k, recording in enumerate(self.recording):
-            for key, what in recording.faults_in(self.folder, self.units):
+            for key, what in recording.faults_in(self.folder, self.units, self.variables):
                 yield f"recording[{k}].{key}", what
             yield from recording.gait.faults(self.worm.links, self.folder, f"recording[{k}].gait")
             if recording.use != "fit":

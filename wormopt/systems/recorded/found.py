@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from wormopt.quantities import Scalar, unit_of_signal
+from wormopt.result import Check
 from wormopt.study import on_use, signal
 
 with on_use():
     import numpy as np
     from scipy.stats import norm
 
+    from wormopt.fitting.estimate import Fit
+    from wormopt.fitting.noise import excess
     from wormopt.model.model import Model
+
+
+# Residuals this many times the noise given are not of a model that describes its data.
+_GROSS = 3.0
 
 
 class Coordinates(Protocol):
@@ -107,3 +114,13 @@ def unit_of_directions(model: Model, directions: Mapping[str, np.ndarray], units
     signals = {s.name: s.unit for s in (*model.x, *model.p, *model.u)}
     found = {unit_of_signal(signals.get(name, "1"), units) for name in directions}
     return found.pop() if len(found) == 1 else "1"
+
+
+def checks_of_noise(found: Fit) -> Iterator[Check]:
+    """Yield the check that residuals are not far above the noise given, if any is."""
+    if size := excess(found):
+        advice = (
+            f"residuals are {size:.2g} times the noise given: the model, a clock, a unit, a column "
+            "or the noise is wrong; correct it, or leave noise out to estimate it"
+        )
+        yield Check("residuals over the noise given", size, _GROSS, advice)

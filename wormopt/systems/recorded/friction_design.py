@@ -15,7 +15,6 @@ from wormopt.quantities import Scalar
 from wormopt.study import (
     entry,
     facts,
-    number,
     on_use,
     parts,
     scalars,
@@ -25,7 +24,7 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.study.scene import Scene, load_scene
-from wormopt.systems.recorded.believed_design import BelievedDesign
+from wormopt.systems.recorded.believed_design import CONFIDENCE, BelievedDesign
 from wormopt.systems.recorded.fit import FitRecordings
 from wormopt.systems.recorded.found import label_of
 from wormopt.systems.recorded.tables import SceneTables, scene_of
@@ -134,13 +133,7 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         "a scene of kind `fit`: `scene`, its file, with other keys that change it; or its tables"
     )
     objective: Objective = entry("the objective")
-    confidence: float = number(
-        "share",
-        "confidence that the gait meets its limits at all times",
-        least=0.5,
-        below=1,
-        default=0.9999,
-    )
+    confidence: float = CONFIDENCE
     plant: dict[str, Any] | None = entry(
         "the real worm, to test the gait on: keys of the scene in `[fit.model]` with its values, "
         '`{"worm.friction.forward" = 0.3}`. Neither the fit nor the design uses it',

@@ -55,7 +55,7 @@ def read_columns(path: Path, time: str) -> Columns:
     try:
         found = _read(path, time, wrong)
     except OSError as error:
-        raise _unusable(path, f" cannot be read: {error.strerror}") from None
+        raise _unusable(path, f" cannot be read: {error.strerror}; name a file that can") from None
     if found is None or wrong:
         more = len(wrong) - _REPORTED
         rest = [f": and {more} more such faults"] if more > 0 else []
@@ -231,17 +231,31 @@ class RecordingFile(Given):
                     f'"{signal}" is not the name of a signal; write for example "position[0]"',
                 )
 
-    def faults_in(self, folder: Path, units: str) -> Iterator[Fault]:
-        """Yield faults of units in a scene with `units`, and of a text file in its folder."""
+    def faults_in(
+        self, folder: Path, units: str, declared: Mapping[str, tuple[str, tuple[str, ...], str]]
+    ) -> Iterator[Fault]:
+        """Yield faults of units in a scene with `units`, and of a text file in its folder.
+
+        `declared`: quantities first, of signals that are known without their model.
+        """
+        quantities = {name: quantity for name, (quantity, *_) in declared.items()}
         for column, unit in self.units.items():
-            yield from _faults_of_unit(f"units.{column}", unit, units)
+            quantity = self._quantity(column, quantities)
+            yield from _faults_of_unit(f"units.{column}", unit, units, quantity)
         try:
             if self.is_text or not is_there(self.path(folder)):
-                yield from self._faults_of_columns(self.read(folder), units)
+                yield from self._faults_of_columns(self.read(folder), units, quantities)
         except SceneError as error:
             yield from error.faults
 
-    def _faults_of_columns(self, columns: Columns, units: str) -> Iterator[Fault]:
+    def _quantity(self, column: str, quantities: Mapping[str, str]) -> str:
+        """Quantity of a column, "" if it is not known."""
+        signal, _ = entry_of(self.columns.get(column, column))
+        return "time" if column == self.time else quantities.get(signal, "")
+
+    def _faults_of_columns(
+        self, columns: Columns, units: str, quantities: Mapping[str, str]
+    ) -> Iterator[Fault]:
         for name in ("columns", "units"):
             for column in getattr(self, name):
                 if column not in columns.values and column != self.time:
@@ -258,7 +272,8 @@ class RecordingFile(Given):
         for column, unit in columns.units.items():
             named = column or self.time
             if named not in self.units and (column == "" or named in self.columns):
-                for _, what in _faults_of_unit("", unit, units):
+                quantity = self._quantity(named, quantities)
+                for _, what in _faults_of_unit("", unit, units, quantity):
                     yield "file", f"{Path(self.file).name}, column {named}: {what}"
         if self.window:
             first, last = self.window
@@ -272,19 +287,28 @@ class RecordingFile(Given):
                 )
 
 
-def _faults_of_unit(key: str, unit: str, units: str) -> Iterator[Fault]:
+def _faults_of_unit(key: str, unit: str, units: str, quantity: str) -> Iterator[Fault]:
     if not unit or unit == "1":
         return
     if units != "SI":
         yield key, f'"{unit}" is a unit in a scene without; write units = "SI", or remove it'
         return
     try:
-        scale(unit)
+        _, dimension = scale(unit)
     except ValueError as error:
         yield (
             key,
             f'"{unit}" {error}; write for example "mm", "m/s" or "mN", or the size of 1: "20 ms"',
         )
+        return
+    if quantity and dimension != parsed(unit_of_signal(quantity, "SI"))[1]:
+        yield key, _other_quantity(unit, quantity)
+
+
+def _other_quantity(unit: str, quantity: str) -> str:
+    wanted = unit_of_signal(quantity, "SI")
+    what = quantity.replace("_", " ")
+    return f'"{unit}" is not a unit of {what}; write {wanted}, or a multiple of it'
 
 
 def entry_of(signal: str) -> tuple[str, int | None]:
@@ -551,8 +575,7 @@ class _Places:
         except ValueError as error:
             self._refuse(f"units.{column}", f'"{unit}" {error}; write for example {wanted}')
         if dimension != needed:
-            what = f'"{unit}" is not a unit of {quantity.replace("_", " ")}; write {wanted}, or a'
-            self._refuse(f"units.{column}", f"{what} multiple of it")
+            self._refuse(f"units.{column}", _other_quantity(unit, quantity))
         return float(size / one)
 
     def _refuse(self, key: str, what: str) -> NoReturn:
