@@ -416,11 +416,13 @@ def test_ordinary_rubber_will_not_move():
             assert touches == ((sign > 0) == (key == "coil.pressure"))
 
 
-def test_a_pressure_too_small_for_the_true_membrane():
-    result = wo.run(load_scene(RUBBER, ["inflation={pressure=100.0}"]))
+@pytest.mark.parametrize("pressure", [100.0, 1e-6])  # 1e-6: the wall's tension is rounding
+def test_a_pressure_too_small_for_the_true_membrane(pressure: float):
+    result = wo.run(load_scene(RUBBER, [f"inflation={{pressure={pressure}}}"]))
+    assert result.status == "ok"
     assert any("bends only at its rings" in text for text in result.trust["warnings"])
     assert "membrane_hoop" not in result.scalars
-    assert value(result, "inflated_hoop") == pytest.approx(1 + 100 / 33333.3 / 4, rel=1e-5)
+    assert value(result, "inflated_hoop") == pytest.approx(1 + pressure / 33333.3 / 4, rel=1e-5)
 
 
 @pytest.mark.parametrize(
