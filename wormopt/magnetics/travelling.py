@@ -133,9 +133,10 @@ class MovingProfile:
 
     @property
     def ripple(self) -> float:
-        """Root mean square of the part that does not travel, over `variation`."""
+        """Root mean square of the part that does not travel, over `variation`; inf if none does."""
         left = float(np.sqrt(np.mean((self.square - self.mean) ** 2)))
-        return left / self.variation if self.variation else math.inf
+        rounding = 1e-13 * float(np.abs(self.square).max())
+        return left / self.variation if self.variation > rounding else math.inf
 
     def residual(self, target: ArrayLike) -> float:
         """Root mean square of the difference from a target, over that of the target's variation.

@@ -415,6 +415,12 @@ def test_standing_still_and_going_with_the_field_exclude_each_other(monkeypatch:
     assert found["forward_frequencies"].value == [1000]
 
 
+def test_a_rod_that_only_goes_with_the_field_has_no_best_frequency(monkeypatch: Any):
+    for rates, warned in (("1000", True), ("400,1000", True), ("5,1000", False)):
+        told = response(monkeypatch, None, rates, NO_SEARCH).trust["warnings"]
+        assert any("at no frequency" in text for text in told) is warned
+
+
 def test_nothing_is_called_sensitive_where_nothing_changes(monkeypatch: Any):
     """All motions of one frequency have one velocity here."""
     assert response(monkeypatch, None, "", NO_SEARCH).scalars["sensitive_to"].value == [None] * 3

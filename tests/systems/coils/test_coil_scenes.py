@@ -105,6 +105,10 @@ def test_a_row_without_current_and_one_all_on_have_no_wave():
     none = solved(ROW, "switching.ampere_turns=0", "coils.count=8", "line.margin=1")
     assert (value(none, "field_max"), value(none, "ripple")) == (0.0, None)
     assert any("no wave" in text for text in none.trust["warnings"])
+    still = solved(ROW, "switching.on=4", "switching.every=4", "coils.count=8", "line.margin=1")
+    assert value(still, "field_max") > 0
+    assert value(still, "ripple") is None  # its variation is that of rounding
+    assert any("does not travel" in text for text in still.trust["warnings"])
 
 
 def test_a_field_that_is_not_confirmed_fails(monkeypatch: pytest.MonkeyPatch):

@@ -250,6 +250,17 @@ def test_a_motion_that_settles_slowly_is_followed_longer(tmp_path: Path):
     assert value(result, "velocity_exact_mean") == pytest.approx(closed.velocity, rel=1e-2)
 
 
+@pytest.mark.parametrize(("end", "status"), [(100.0, "unchecked"), (900.0, "ok")])
+def test_a_steady_state_that_no_motion_comes_near_is_unchecked(
+    tmp_path: Path, end: float, status: str
+):
+    # deviations fade like exp(-0.41 eps t): to 0.44 at 100, to 6e-4 at 900
+    change = ["pair.eps=0.02", f"time.end={end}", "time.periods=3"]
+    result = run_text(tmp_path, PAIR, *change)
+    assert result.status == status
+    assert any("away from the steady state" in text for text in result.trust["warnings"])
+
+
 def test_a_field_of_the_other_sign_swings_half_a_turn_later(tmp_path: Path):
     result = run_text(tmp_path, PAIR, "pair.cosines=[1.0, -1.0]", UNCHECKED)
     assert value(result, "velocity_steady") == pytest.approx(STEADY[0], abs=5e-9)

@@ -416,11 +416,13 @@ def test_ordinary_rubber_will_not_move():
             assert touches == ((sign > 0) == (key == "coil.pressure"))
 
 
-def test_a_pressure_too_small_for_the_true_membrane():
-    result = wo.run(load_scene(RUBBER, ["inflation={pressure=100.0}"]))
+@pytest.mark.parametrize("pressure", [100.0, 1e-6])  # 1e-6: the wall's tension is rounding
+def test_a_pressure_too_small_for_the_true_membrane(pressure: float):
+    result = wo.run(load_scene(RUBBER, [f"inflation={{pressure={pressure}}}"]))
+    assert result.status == "ok"
     assert any("bends only at its rings" in text for text in result.trust["warnings"])
     assert "membrane_hoop" not in result.scalars
-    assert value(result, "inflated_hoop") == pytest.approx(1 + 100 / 33333.3 / 4, rel=1e-5)
+    assert value(result, "inflated_hoop") == pytest.approx(1 + pressure / 33333.3 / 4, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -431,10 +433,11 @@ def test_a_pressure_too_small_for_the_true_membrane():
         ("coil.share=1.0", "coil.share below 0.9803"),
         ("coil.pressure=100", "the segment sags"),
         ("pipe.friction=0", "without friction nothing holds"),
+        ("load=4e-3 pipe.friction=0", "the wall holds 0 mN, less than load and drag, 4 mN"),
     ],
 )
 def test_why_it_does_not_move(change: str, says: str):
-    scene = load_scene(RUBBER, ["segment.shear_modulus=2e4", "segment.wall=3e-4", change])
+    scene = load_scene(RUBBER, ["segment.shear_modulus=2e4", "segment.wall=3e-4", *change.split()])
     result = wo.run(scene)
     assert value(result, "moves") is False
     assert any(says in text for text in result.trust["warnings"])
@@ -446,7 +449,6 @@ test_wrong_scenes_are_told = refusals(
     inflation.pressure=900 | inflation.pressure | write at most 899.841
     segment.shear_modulus=5e3 & segment.neo_hookean=0.5 | inflation.pressure | 8-fold; write
     pipe.radius=0.005 | pipe.radius | write more than 0.005
-    pipe.friction=0 | pipe.friction | write at least 0.0671
     stretches=[-0.8, 1.1] | stretches[0] | above 0
     segment.wall=4e-3 | segment.wall | less than 0.0025
     winding.inner_radius=5e-3 | winding.inner_radius | more than 0.00505

@@ -144,6 +144,16 @@ def test_a_turn_in_place_about_a_pin_or_with_a_short_link(grip: float, short: fl
     assert result.scalars["work"].value == pytest.approx(2 * short + 4 * (1 - short), abs=1e-10)
 
 
+def test_the_hold_of_a_swing_is_the_largest_between_its_samples_too():
+    # straight, the middle mass holds F (1 + k) across; a swing from -1 to 1.3 has no sample there
+    for share, holds in ((1 - 1e-9, False), (1 + 1e-9, True)):
+        gait = TurnInPlace(1.0, 1.8 * share, short=0.8, long=1.0, straight=-1.0, bent=1.3)
+        assert gait.swing_hold_max == pytest.approx(1 / share, rel=1e-13)
+        assert gait.holds is holds
+    bends = np.linspace(-1.0, 1.3, 99)
+    assert gait.swing_hold_max >= gait.swing_hold(bends).max()
+
+
 @settings(max_examples=examples(20))
 @given(st.floats(0.2, 0.98), st.floats(0.5, 2.5), st.floats(-2.8, 2.8))
 @example(0.5, 1.0, 7e-189)

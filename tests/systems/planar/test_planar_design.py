@@ -251,6 +251,31 @@ def test_a_pose_out_of_reach_is_refused():
         design_stroke(swimmer_aim(purpose="work", pose=(5.0, 0.0, 0.0)), starts=1)
 
 
+@pytest.mark.parametrize(("corners", "cycles"), [(3, 1), (4, 2)])
+def test_a_single_link_reaches_a_pose_at_its_least_work(corners: int, cycles: int):
+    # it grows with its tail at rest and shrinks with its head at rest: each mass slides 0.4 forward
+    limits, law = PlanarLimits(length=(0.5, 1.0)), Elliptic(1.0, 3.0, 3.0)
+    pose = (0.4 * cycles, 0.0, 0.0)
+    aim = PlanarAim(chain_shape(1), law, limits, "work", pose=pose, cycles=cycles, corners=corners)
+    design = design_stroke(aim, starts=1)
+    assert design.displacement == pytest.approx([0.4, 0.0, 0.0], abs=1e-9)
+    assert design.work == pytest.approx(0.8, rel=1e-9)
+
+
+def test_gaits_that_cannot_exist_are_refused():
+    link = chain_shape(1), Elliptic(1.0, 3.0, 3.0), PlanarLimits()
+    for more in ({"purpose": "turn"}, {"purpose": "work", "pose": (0.4, 0.1, 0.0)}):
+        with pytest.raises(ArgumentError, match="single link"):
+            PlanarAim(*link, **more)
+    alike, stretching = Swimmer(THREE, rods=(1.0, 1.0)), Swimmer(TWO, rods=(1.0, 1.0))
+    with pytest.raises(ArgumentError, match="centre of drag"):
+        PlanarAim(THREE, alike, PlanarLimits())
+    square = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    total = Steps(THREE, Viscous(alike)).sides(square).total
+    assert total == pytest.approx(np.zeros(3), abs=1e-12)
+    assert PlanarAim(TWO, stretching, PlanarLimits()).purpose == "speed"  # rods weigh by length
+
+
 @pytest.mark.slow
 def test_turns_in_place_within_one_per_cent_of_the_supremum():
     result = wo.run(load_scene("planar_gait_design", ["want=[]"]))

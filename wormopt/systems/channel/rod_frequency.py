@@ -568,6 +568,11 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
             if rates:
                 listed = ", ".join(f"{rate:g}" for rate in rates) + " switches per second"
                 yield text.format(listed) + "; write a longer time.end"
+        if self.best_point.direction != -1:
+            yield (
+                "at no frequency does the rod move against the field with certainty: "
+                "frequency_best is not a best frequency of crawling"
+            )
         yield from warnings_of_susceptibility(self.worm.susceptibility)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -138,7 +139,7 @@ class AlongRow(SIStudy):
     @scalar(
         "share",
         "root mean square of *H*² less its mean at each phase of the wave, over that of the mean's "
-        "variation; unknown if nothing varies",
+        "variation; unknown if nothing travels",
     )
     def ripple(self) -> float | None:
         return self.profile.ripple
@@ -289,6 +290,8 @@ class SwitchedRow(AlongRow, kind="coil-row"):
         yield from self.coils.too_hot(self.currents_max)
         if not self.harmonic_shares.any():
             yield "the field does not vary along the row, so there is no wave"
+        elif not math.isfinite(self.profile.ripple):
+            yield "the same coils are always on, so the field does not travel and there is no wave"
 
 
 def quadrature_error(row: CoilRow, currents: Gait, z: float) -> float:

@@ -104,10 +104,8 @@ def best_schedule(
     lightest = float((ground.at("load", places) + ground.at("towed", places) / len(box.mass)).min())
     glides = [f"{each.name} below {each.least:.4g}" for each in box.gears if each.least > lightest]
     reason = "no schedule of the gears meets the limits on this route"
-    advice = (
-        "increase limits.spike_load and limits.actuator_force, or add a gear with more resting "
-        "masses"
-    )
+    forces = " and limits.actuator_force" if np.isfinite(limits.actuator) else ""
+    advice = f"increase limits.spike_load{forces}, or add a gear with more resting masses"
     if glides:
         reason += (
             f", with a load of {lightest:.4g} on each mass at the lightest place; gears glide: "

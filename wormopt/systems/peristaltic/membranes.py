@@ -133,6 +133,8 @@ Given = Literal["pressure", "volume"]
 _START: dict[str, float] = {"pressure": 0.3, "volume": 1.147}
 _SLENDER = 2.0
 _DEGREE, _MOST, _POINTS = 32, 128, 101
+# Largest share of the tension at the rings that may be rounding of stretches near 1.
+_KNOWN = 1e-8
 STATES = ("radius", "place", "stretch", "angle", "volume")
 
 
@@ -199,6 +201,10 @@ def balloon(
         raise ArgumentError(
             f"a loading of {loading:g} leaves the wall without tension at a pull of {pull:g}; "
             f"write more than {-2 * pull:g}"
+        )
+    if loading is not None and np.finfo(float).eps > _KNOWN * (pull + loading / 2):
+        raise SolveError(
+            "the tension of the wall is lost in rounding", "write more pressure", code="unresolved"
         )
     held, amount = ("pressure", loading) if volume is None else ("volume", volume)
     path = [[_START[held], 0.0, _SLENDER], [amount, pull, slenderness]]

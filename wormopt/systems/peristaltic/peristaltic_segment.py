@@ -393,10 +393,6 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
         stretch = tube.stretch_at_contact(segment)
         push, unit = -segment.elastic_pull(stretch), segment.coil_pull(stretch, 1.0)
         free, loaded = (max(tube.normal_force(segment, pressure, f), 0.0) for f in (0.0, load))
-        if load and not tube.friction:
-            asks = f"write at least {load / loaded:.3g}" if loaded else "there is no normal force"
-            message = f"no friction holds no load of {load:g} N; {asks}"
-            raise SceneError(self.name, [("pipe.friction", message)])
         drag, holding = tube.friction * self.strokes.weight, tube.friction * loaded
         return Hold(
             moves=bool(holding > 0 and holding >= load + drag and push >= drag),

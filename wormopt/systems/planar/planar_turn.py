@@ -118,9 +118,22 @@ class TurnInPlace(Given, kw_only=False):
     @property
     def holds(self) -> bool:
         """Whether the conditions of rest hold during the whole gait."""
-        angles = np.linspace(self.straight, self.bent, 257)
-        swings = bool((self.swing_hold(angles) <= 1).all())
-        return swings and bool((self.swap_hold(angles[[0, -1]]) <= 1).all())
+        return max(self.swing_hold_max, self.swap_hold_max) <= 1
+
+    @property
+    def swing_hold_max(self) -> float:
+        """Largest `swing_hold` of a swing.
+
+        With 0 <= phi <= pi the share falls, and may rise again near pi: it is largest at the ends
+        or, where the swing passes it, at 0.
+        """
+        low, high = sorted((self.straight, self.bent))
+        return float(self.swing_hold(np.array([low, np.clip(0.0, low, high), high])).max())
+
+    @property
+    def swap_hold_max(self) -> float:
+        """Largest `swap_hold` of both swaps."""
+        return float(self.swap_hold(np.array([self.straight, self.bent])).max())
 
 
 def swing_hold(phi: np.ndarray | float, ratio: float, grip: float) -> np.ndarray:
@@ -256,8 +269,8 @@ class PlanarTurn(Crawling, kind="planar-turn"):
             gap=1 - rate / bound if gait.holds else None,
             cycle_time=self.duration,
             swap_time=self.durations[1],
-            swing_hold=float(self.hold_by_angle.max()),
-            swap_hold=float(gait.swap_hold(np.array([gait.straight, gait.bent])).max()),
+            swing_hold=gait.swing_hold_max,
+            swap_hold=gait.swap_hold_max,
             drift=drift,
             turn_promised=gait.turn if gait.holds else None,
             work_promised=gait.work if gait.holds else None,

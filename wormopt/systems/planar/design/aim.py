@@ -93,6 +93,13 @@ class Viscous:
             raise ArgumentError("the shape is not that of the swimmer; give the same one")
         return self.swimmer.power
 
+    def anchor(self, shape: Shape) -> str | None:
+        """Return the point that never moves, if any: the weights of drags are then constant."""
+        (along, across), masses = self.swimmer.rods, self.swimmer.masses
+        constant = not along or not any(name.startswith("length") for name in shape.names)
+        alike = along == across and masses[0] == masses[1]
+        return "centre of drag" if alike and constant else None
+
     symmetric: ClassVar = True
     """Whether a reversed stroke returns the body."""
 
@@ -260,19 +267,34 @@ class PlanarAim:
                 "one shape variable goes to and fro on one curve, and ground with F+ = F- "
                 "returns the body; let lengths vary, or use more joints"
             )
-
-        self._refuse_an_anchor()
+        turns = self.purpose == "turn" or (self.pose is not None and any(self.pose[1:]))
+        if self.single and turns:
+            raise ArgumentError(
+                "a single link moves along itself and cannot turn; use more links, or write "
+                "purpose 'speed', or a pose [x, 0, 0]"
+            )
+        straight = self.pose is not None and self.pose[2] == 0 and self.pose != (0.0, 0.0, 0.0)
+        if self.closed and (self.purpose == "speed" or straight):
+            self._refuse_an_anchor()
 
     def _refuse_an_anchor(self) -> None:
-        straight = self.pose is not None and self.pose[2] == 0 and self.pose != (0.0, 0.0, 0.0)
-        if not isinstance(self.ground, Dry) or not self.closed:
-            return
+        """Refuse ground on which no closed gait without turn has a displacement."""
         held = self.ground.anchor(self.shape)
-        if held is not None and (self.purpose == "speed" or straight):
+        if held is not None and isinstance(self.ground, Viscous):
+            raise ArgumentError(
+                "drag that is alike along and across holds the centre of drag in its place, so a "
+                "closed gait without turn has no displacement; write more drag across"
+            )
+        if held is not None:
             raise ArgumentError(
                 f"mass {held} holds the pull of all others together and never moves, so a closed "
                 "gait without turn has no displacement; give it less friction than their sum"
             )
+
+    @property
+    def single(self) -> bool:
+        """Whether the body is a single link, which moves along itself only."""
+        return self.shape.n_points == 2
 
     @property
     def ranges(self) -> np.ndarray:

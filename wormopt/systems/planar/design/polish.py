@@ -153,7 +153,15 @@ class Polish:
         """Usual sizes of the equality residuals."""
         if self.aim.purpose == "turn":
             return np.full(0 if self.aim.pivot == "any" else 2, self.aim.length)
-        return np.array([self.aim.length] * 2 + [1.0])[-1 if self.aim.purpose == "speed" else 0 :]
+        return np.array([self.aim.length] * 2 + [1.0])[self._required]
+
+    @property
+    def _required(self) -> slice:
+        """Components x, y, angle of the displacement that a cycle must have."""
+        work = self.aim.purpose == "work"
+        if self.aim.single:  # nothing changes y and angle, and SLSQP stops at rows without slopes
+            return slice(0, int(work))
+        return slice(0 if work else 2, 3)
 
     def conditions(
         self, total: np.ndarray, corners: np.ndarray
@@ -170,9 +178,8 @@ class Polish:
             rest = total[:2] + turn @ place - place
             around = np.array([[-s, -c], [c, -s]]) @ place
             return rest, np.column_stack([np.eye(2), around]), (turn - np.eye(2)) @ by_s
-        if aim.purpose == "work":
-            return total - aim.step, np.eye(3), np.zeros((3, n_s))
-        return total[2:], np.eye(3)[2:], np.zeros((1, n_s))
+        rest = (total - (aim.step if aim.purpose == "work" else 0.0))[self._required]
+        return rest, np.eye(3)[self._required], np.zeros((len(rest), n_s))
 
     def _place(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points = np.asarray(self.aim.shape.kinematics(s)[0])
