@@ -87,7 +87,7 @@ def test_the_phases_read_off_a_relaxed_optimum_lead_to_the_exact_one(
 
 
 def test_phases_without_duration_are_not_reported_and_alike_ones_beside_them_are_one():
-    """Rest, push, brake, push, brake: rest and the first brake take no time, so one push is left."""
+    """Rest, push, brake, push, brake: a rest and a brake without duration leave a single push."""
     modes = ModeSequence(((0,), (1,), (1,), (1,), (1,)))
     active = ((0,), (1,), (-1,), (1,), (-1,))
     mesh = Mesh.even(5, 1, Collocation(5))
