@@ -47,9 +47,8 @@ _DETECTED, _SPANS = SwitchDetection(1e-4, first=0.1, ratio=0.03), (0.2, 4.0)
 _FINE = Complementarity(1e-3, first=1e-2)
 _LAST = Ipopt(tolerance=1e-8, mu_init=1e-3, iterations=150)
 _HALVED = SwitchDetection(1e-4, first=1e-3, ratio=0.1)
-# Largest local errors of all arcs together, in usual sizes of the states, that are not halved: half
-# of what a simulation may differ.
-_ROUGH = 2.5e-3
+# Largest local error of an arc, in usual sizes of the states, that is not halved.
+_ROUGH = 3e-3
 _NEARBY = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=300)
 # State polynomials between switches, and the solver of phases: a wrong reading is left soon.
 _PHASE, _POLISH = Collocation(7), Ipopt(tolerance=1e-10, mu_init=1e-4, iterations=80)
@@ -534,7 +533,7 @@ def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[flo
     exact = polished(task, best, report)
     if exact is not None and exact.objective <= best.objective + _MISREAD * abs(best.objective):
         return stages | {"phases": exact}, objectives
-    rough = float(best.optimum(task).defects.sum()) > _ROUGH
+    rough = float(best.optimum(task).defects.max()) > _ROUGH
     if rough and (finer := _halved(task, best, report)) is not None:
         stages["halves"] = finer
     return stages, objectives
