@@ -86,6 +86,18 @@ def test_the_phases_read_off_a_relaxed_optimum_lead_to_the_exact_one(
     assert difference(found.motion) < 1e-12
 
 
+def test_phases_without_duration_are_not_reported_and_alike_ones_beside_them_are_one():
+    """Rest, push, brake, push, brake: a rest and a brake without duration leave a single push."""
+    modes = ModeSequence(((0,), (1,), (1,), (1,), (1,)))
+    active = ((0,), (1,), (-1,), (1,), (-1,))
+    mesh = Mesh.even(5, 1, Collocation(5))
+    found = optimise(slide(), mesh, FixedModes(modes, active), LINE)
+    shown, times = modes_of(found)
+    assert shown == [[1], [1]]
+    # accelerations 3 - 1 and -3 - 1
+    assert times == pytest.approx([0.0, SLIDE * 2 / 3, SLIDE], abs=1e-6)
+
+
 def test_relaxed_contact_comes_near_the_exact_optimum_from_a_coarse_grid():
     found = optimise(slide(), even(40), Complementarity(1e-6), LINE)
     assert found.objective == pytest.approx(SLIDE, abs=2e-3)

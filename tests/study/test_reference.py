@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from collections.abc import Container, Iterator
 from functools import cache
 from typing import Any
 
@@ -13,13 +14,25 @@ from hints import Capture, Patch
 from places import DOCS
 
 from wormopt.cli import main
+from wormopt.errors import SceneError
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
-from wormopt.study import packaged_scenes
+from wormopt.study import load_scene, packaged_scenes
 from wormopt.study.given import Given, default_of, meaning
-from wormopt.study.reference import page, schema, tables_below
+from wormopt.study.reference import page, schema, tables_below, taken
+from wormopt.study.template import template
 
 SCENES = DOCS / "scenes.md"
+
+
+def keys_of(table: type[msgspec.Struct], path: str, refused: Container[str]) -> Iterator[str]:
+    """Key paths that a kind takes, and those of tables with tags."""
+    for key, _, parts in taken(table, path, refused):
+        yield key
+        for part in parts:
+            tag = part.__struct_config__.tag
+            yield from [f"{key}.{tag}"] if tag else []
+            yield from keys_of(part, key, refused)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -27,7 +40,8 @@ def test_the_page_of_a_kind_says_all(kind: str):
     table, rows = KINDS[kind].load(), set[str]()
     for line in page(kind).splitlines():
         rows |= {line.partition(" |")[0]} if line.startswith("| `") else set()
-    keys = {key for part in tables_below(table) for key in part.__struct_fields__}
+    known = {key for part in tables_below(table) for key in part.__struct_fields__}
+    keys = known & {key.rpartition(".")[2] for key in keys_of(table, "", table.refuses)}
     unsaid = {"kind", "title", "units"}  # what holds for all scenes
     assert {f"| `{name}`" for name in (keys - unsaid)} - {"| `schema`"} <= rows
     assert {f"| `{name}`" for name in (*table.scalars, *table.variables)} <= rows
@@ -92,10 +106,48 @@ def test_the_schema_has_the_defaults_of_the_kind(kind: str):
         ref = node["$ref"].rpartition("/")[2] if "$ref" in node else ""
         shown = (defined[ref] if ref else node)["properties"]
         for key, value in json.loads(msgspec.json.encode(given)).items():
-            if "default" in shown[key]:
+            if f"{field.encode_name}.{key}" in table.refuses:
+                assert key not in shown
+            elif "default" in shown[key]:
                 assert json.loads(json.dumps(shown[key]["default"])) == value, (field.name, key)
             else:  # a class
                 assert "$ref" in shown[key], (field.name, key)
+
+
+FIXED = {"process": "fixed", "spread": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("scene", "path", "value"),
+    [
+        ("optimal_crawl", "worm.random", {"stiffness": FIXED}),
+        ("track_predictive", "worm.slope", 0.1),
+        ("track_predictive", "worm.friction.viscous", {"kind": "viscous", "drag": 1.0}),
+        ("track_predictive", "worm.friction.viscous", 3 * [{"kind": "viscous", "drag": 1.0}]),
+        ("linear_chain", "tracker.feedforward", {}),
+        ("friction_gait", "gait.impulses", True),
+        ("pareto_speed_load", "search.certify", {}),
+    ],
+)
+def test_what_a_kind_refuses_is_offered_nowhere(scene: str, path: str, value: Any):
+    """In no template, page or schema; and it is refused with the reason of the kind."""
+    raw = tomllib.loads(packaged_scenes()[scene].read_text(encoding="utf-8"))
+    table, kind = KINDS[raw["kind"]].load(), raw["kind"]
+    key = path.removesuffix(".viscous")
+    *above, last = key.split(".")
+    inside = raw
+    for name in above:
+        inside = inside.setdefault(name, {})
+    inside[last] = value
+    with pytest.raises(SceneError, match=re.escape(table.refuses[path])):
+        load_scene(raw)
+    assert not validator(kind).is_valid(raw)
+    # each that is refused is a key, and the page and the template show others only
+    assert {*table.refuses} <= {*keys_of(table, "", ())}
+    for text in (page(kind), template(kind, "schema.json")):
+        assert not re.search(rf"^#?\W*{re.escape(path)}\b", text, re.MULTILINE)
+        assert path == key or '"viscous"' not in text
+    assert f"#{last} = " not in template(kind, "schema.json")
 
 
 def test_the_command_prints_the_schema(capsys: Capture):

@@ -589,10 +589,10 @@ def _chosen(
     raw: Mapping[str, Any], tables: list[type[Given]], path: str, faults: list[Fault]
 ) -> type[Given] | None:
     """Select the type of a raw table, by its tag key if there are several."""
-    if len(tables) == 1:
-        return tables[0]
     tag_key = tables[0].__struct_config__.tag_field or ""
     by_tag = {table.__struct_config__.tag: table for table in tables}
+    if len(tables) == 1 and not tag_key:
+        return tables[0]
     tag = raw.get(tag_key)
     if isinstance(tag, str) and tag in by_tag:
         return by_tag[tag]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
@@ -46,6 +46,7 @@ def schema(kind: str) -> dict[str, Any]:
             if quantity:
                 described = _or_with_unit(properties[field.encode_name], quantity)
                 properties[field.encode_name] = described | {"quantity": quantity}
+    _leave_out(parts, table, "", table.refuses)
     own = {part.__name__: _with_defaults(part, None, parts) for part in tables}
     return found | {"$defs": parts | own}
 
@@ -58,6 +59,8 @@ def _with_defaults(
     properties = dict(found["properties"])
     for field in msgspec.structs.fields(table):
         name, value = field.encode_name, default_of(field, default)
+        if name not in properties:  # refused
+            continue
         if default is not None:
             shown = msgspec.json.decode(msgspec.json.encode(value))
             properties[name] = properties[name] | {"default": shown}
@@ -77,6 +80,39 @@ def _in_place(node: dict[str, Any], name: str, own: dict[str, Any]) -> dict[str,
         key: [_in_place(one, name, own) for one in part] if key == "anyOf" else part
         for key, part in node.items()
     }
+
+
+def _leave_out(
+    parts: dict[str, Any], table: type[msgspec.Struct], path: str, refused: Container[str]
+) -> None:
+    """Remove the keys and tables that a kind does not take from its schema."""
+    properties = parts[table.__name__]["properties"]
+    kept = {field.encode_name: (key, below) for key, field, below in taken(table, path, refused)}
+    for field in msgspec.structs.fields(table):
+        name = field.encode_name
+        if name not in kept:
+            properties.pop(name, None)
+            continue
+        key, below = kept[name]
+        gone = {*tables_in(single(field.type))} - {*below}
+        if gone:
+            properties[name] = _pruned(properties[name], {part.__name__ for part in gone})
+        for part in below:
+            _leave_out(parts, part, key, refused)
+
+
+def _pruned(node: Any, gone: Container[str]) -> Any:
+    """A node of a schema without references to some tables."""
+
+    def stays(item: Any) -> bool:
+        place = item.get("$ref", "") if isinstance(item, dict) else item
+        return not isinstance(place, str) or place.removeprefix("#/$defs/") not in gone
+
+    if isinstance(node, list):
+        return [_pruned(item, gone) for item in node if stays(item)]
+    if isinstance(node, dict):
+        return {key: _pruned(item, gone) for key, item in node.items() if stays(item)}
+    return node
 
 
 def _or_with_unit(node: dict[str, Any], quantity: str) -> dict[str, Any]:
@@ -104,8 +140,8 @@ def page(kind: str) -> str:
         *_prose(table),
         "`schema`, `kind`, `title`, `units` and what holds for all scenes: [scenes](../scenes.md).",
         "## Keys",
-        "\n".join(_keys(table)),
-        *_sections(table, "", None),
+        "\n".join(_keys(table, "", table.refuses)),
+        *_sections(table, "", None, table.refuses),
     ]
     if table.scalars:
         rows = [_row(f"`{name}`", _words(q), what) for name, (q, what) in table.scalars.items()]
@@ -141,11 +177,28 @@ def _without_python(docstring: str) -> str:
     return docstring.partition("\n\nParameters\n----------\n")[0]
 
 
-def _keys(table: type[msgspec.Struct], default: Given | None = None) -> Iterator[str]:
+def taken(
+    table: type[msgspec.Struct], path: str, refused: Container[str]
+) -> Iterator[tuple[str, msgspec.structs.FieldInfo, list[type[Given]]]]:
+    """Yield the keys of a table that a kind takes, with their fields and the tables in them."""
+    for field in msgspec.structs.fields(table):
+        key = f"{path}.{field.encode_name}" if path else field.encode_name
+        if key not in refused:
+            parts = tables_in(single(field.type))
+            yield (
+                key,
+                field,
+                [p for p in parts if f"{key}.{p.__struct_config__.tag}" not in refused],
+            )
+
+
+def _keys(
+    table: type[msgspec.Struct], path: str, refused: Container[str], default: Given | None = None
+) -> Iterator[str]:
     """Table of the keys of a table; `default` has the values of the keys that are left out."""
     yield "| key | value | quantity | default | meaning |"
     yield "|---|---|---|---|---|"
-    for field in msgspec.structs.fields(table):
+    for _, field, _ in taken(table, path, refused):
         if field.encode_name in _COMMON and hasattr(table, "members"):
             continue
         quantity, what = meaning(field.type)
@@ -190,11 +243,12 @@ def _listed(value: Any) -> str:
     return f"{value:g}" if isinstance(value, int | float) else "{}"
 
 
-def _sections(table: type[msgspec.Struct], path: str, default: Given | None) -> Iterator[str]:
+def _sections(
+    table: type[msgspec.Struct], path: str, default: Given | None, refused: Container[str]
+) -> Iterator[str]:
     """A section for every table below a table, in the order of its keys."""
-    for field in msgspec.structs.fields(table):
-        key = f"{path}.{field.encode_name}" if path else field.encode_name
-        for part in tables_in(single(field.type)):
+    for key, field, parts in taken(table, path, refused):
+        for part in parts:
             inner = default_of(field, default)
             inner = inner if type(inner) is part else None
             config = part.__struct_config__
@@ -203,8 +257,8 @@ def _sections(table: type[msgspec.Struct], path: str, default: Given | None) -> 
             yield (inspect.getdoc(part) or "").split("\n\n")[0].replace("\n", " ")
             yield from _prose(part)
             if part.__struct_fields__:
-                yield "\n".join(_keys(part, inner))
-            yield from _sections(part, key, inner)
+                yield "\n".join(_keys(part, key, refused, inner))
+            yield from _sections(part, key, inner, refused)
 
 
 def single(kind: Any) -> Any:

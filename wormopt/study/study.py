@@ -65,6 +65,11 @@ class Study(Given):
     """Scalars that answer what was asked, reported first; the first five if empty."""
     pictures: ClassVar[Mapping[str, str]] = {}
     """Pictures by name: "module:function" that draws one of a Result."""
+    refuses: ClassVar[Mapping[str, str]] = {}
+    """Keys that the kind does not take of shared tables: why, and what to write instead.
+
+    By dotted path; the tag of a table comes after its key. Templates and pages leave them out.
+    """
     wanted: ClassVar[tuple[str, ...]] = ()
     """Pictures for which the study computes more."""
     table_file: ClassVar[bool] = False
@@ -156,9 +161,14 @@ class Study(Given):
 
     def wrong(self) -> Iterator[Fault]:
         """Yield faults between keys that are valid individually."""
-        found = list(super().wrong())
+        refused = (fault for path in self.refuses for fault in self._refused(path))
+        found = [*refused, *super().wrong()]
         twice = sorted({word for word in self.want if self.want.count(word) > 1})
         yield from found or (("want", f'"{word}" is given twice; write it once') for word in twice)
+
+    def _refused(self, path: str) -> Iterator[Fault]:
+        places = _given_at(self, path.split("."), "")
+        return ((place, self.refuses[path]) for place in places)
 
     def __reduce__(self) -> Any:
         place = {name: one for name, one in vars(self).items() if name in _PLACE}
@@ -624,6 +634,23 @@ class _Values(dict[str, Any]):
         member = self._study.members.get(name)
         quantity = member.quantity if member else quantity_of(type(self._study), name)
         return _Amount(self._study, name, getattr(self._study, name), quantity)
+
+
+def _given_at(value: Any, names: Sequence[str], key: str) -> Iterator[str]:
+    """Key paths at which a value below a table is given, not by default."""
+    if not names:
+        yield key
+    elif isinstance(value, tuple):
+        for place, item in _items(value, key):
+            yield from _given_at(item, names, place)
+    elif isinstance(value, Struct):
+        first, *rest = names
+        if value.__struct_config__.tag == first:
+            yield from _given_at(value, rest, key)
+        for each in structs.fields(value):
+            below = getattr(value, each.name)
+            if each.name == first and below != default_of(each):
+                yield from _given_at(below, rest, f"{key}.{first}" if key else first)
 
 
 def _has(study: type[Study], path: str) -> bool:

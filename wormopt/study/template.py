@@ -11,7 +11,7 @@ import json
 import re
 import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from types import NoneType
 from typing import Any, get_args
 
@@ -19,8 +19,8 @@ import msgspec
 
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
-from wormopt.study.given import Given, bare, default_of, describe, meaning, tables_in
-from wormopt.study.reference import single
+from wormopt.study.given import Given, bare, default_of, describe, meaning
+from wormopt.study.reference import taken
 from wormopt.study.scene import packaged_scenes, times_of_scenes
 from wormopt.study.toml import holds_tables, toml_value
 
@@ -49,7 +49,8 @@ def template(kind: str, schema_file: str) -> str:
         ),
         "",
     ]
-    body = _table(KINDS[kind].load(), raw, "", raw.get("units", "dimensionless"), None)
+    table, units = KINDS[kind].load(), raw.get("units", "dimensionless")
+    body = _table(table, raw, "", units, None, table.refuses)
     return "\n".join([*head, *body]).rstrip() + _SWEEP
 
 
@@ -70,6 +71,7 @@ def _table(
     path: str,
     units: str,
     default: Given | None,
+    refused: Container[str],
 ) -> Iterator[str]:
     """Keys of a table, then the tables in it; raw is None for a table that is commented out.
 
@@ -79,19 +81,18 @@ def _table(
     config = table.__struct_config__
     if config.tag_field:
         yield f"{mark}{config.tag_field} = {toml_value(config.tag)}"
-    for field in msgspec.structs.fields(table):
-        key, tables = field.encode_name, tables_in(single(field.type))
+    for inside, field, tables in taken(table, path, refused):
+        key = field.encode_name
         given, value = (raw or {}).get(key), default_of(field, default)
         if tables and (given is None or holds_tables(given)):
-            below.append((key, field, tables, given, value))
+            below.append((inside, field, tables, given, value))
             continue
         assigned = (
             f"#{key} = {_shown(value)}" if given is None else f"{mark}{key} = {toml_value(given)}"
         )
         yield from _line(assigned, _meaning(field.type, units))
-    for key, field, tables, given, value in below:
-        inside = f"{path}.{key}" if path else key
-        yield from _tables(inside, field, tables, given, units, value)
+    for inside, field, tables, given, value in below:
+        yield from _tables(inside, field, tables, given, units, value, refused)
 
 
 def _tables(
@@ -101,6 +102,7 @@ def _tables(
     given: Any,
     units: str,
     default: Any,
+    refused: Container[str],
 ) -> Iterator[str]:
     """The table or tables of a key: as given, or commented out."""
     default = default if len(tables) == 1 and type(default) is tables[0] else None
@@ -112,14 +114,14 @@ def _tables(
         yield from _comment(f"{words}{f'; {others}' if others else ''}")
         yield f"#[{path}]"
         if not others:
-            yield from _table(tables[0], None, path, units, default)
+            yield from _table(tables[0], None, path, units, default, refused)
         return
     for index, raw in enumerate(given if listed else [given]):
         yield ""
         if not index:
             yield from _comment(f"{words}{f'; {others}' if others else ''}")
         yield f"[[{path}]]" if listed else f"[{path}]"
-        yield from _table(_meant(raw, tables), raw, path, units, default)
+        yield from _table(_meant(raw, tables), raw, path, units, default, refused)
 
 
 def _meant(raw: Mapping[str, Any], tables: list[type[msgspec.Struct]]) -> type[msgspec.Struct]:

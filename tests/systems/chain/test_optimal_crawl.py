@@ -2,6 +2,7 @@
 
 import pickle
 import re
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -367,6 +368,49 @@ def test_cycles_fill_an_allowed_period(period: tuple[float, float]):
             assert filled.any()
 
 
+@cache
+def objective_within(**limits) -> float:
+    given = {"period": 1.0, "actuator_force": 12.0, "length": (1.4, 2.6)} | limits
+    problem = crawl_problem(worm(), CrawlLimits(**given), Aim(maximise="speed", effort=1e-3))
+    mesh = Mesh.even(1, 12, Collocation(2, "radau"))
+    return optimise(problem, mesh, Regularised(0.3, 1.0), sine_guess(worm(), 1.0, 12.0)).objective
+
+
+@pytest.mark.parametrize(
+    ("huge", "plain"),
+    [
+        ({"rate": 1e9}, {}),
+        ({"acceleration": 1e30}, {}),
+        ({"actuator_power": 1e15}, {}),
+        ({"energy_per_cycle": 1e30}, {}),
+        ({"actuator_force": (12.0, 1e15)}, {"actuator_force": (12.0, 1e3)}),
+        ({"rate": (1e15, 0.5)}, {"rate": (20.0, 0.5)}),
+    ],
+)
+def test_limits_too_large_to_bind_change_nothing(huge: dict, plain: dict):
+    assert objective_within(**huge) == pytest.approx(objective_within(**plain), rel=1e-6)
+
+
+def test_strong_actuators_do_not_change_sizes():
+    def sizes(force: float) -> list[float]:
+        limits = CrawlLimits(period=1.0, actuator_force=force, length=(1.4, 2.6))
+        sized = task_of(limits=limits).sized(1.0)
+        return [sized.u[0].nominal, *(contact.nominal_force for contact in sized.contacts)]
+
+    usual = sizes(12.0)
+    assert sizes(1e9) == sizes(1e30)
+    assert sizes(1e9)[1:] == usual[1:]
+    assert usual[0] <= sizes(1e9)[0] <= 100 * usual[0]
+
+
+@pytest.mark.slow
+def test_a_force_too_large_to_bind_is_no_limit():
+    free = crawl("limits.actuator_force=1e9", "search.starts=1", "mesh.arcs=20", want=())
+    assert free.status == "ok"
+    assert value(free, "sensitivity.actuator_force") == 0.0
+    assert value(free, "input_peak") < 1e3
+
+
 def test_excess_of_a_limit_between_points_of_the_mesh_is_found():
     """Power from velocities and forces at many times, against 5 and 2 per link."""
     plant = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=Coulomb(1.0, 10.0))
@@ -478,28 +522,54 @@ def test_random_robots_crawl_no_slower_than_by_another_program(seed: int):
     study = load_scene(tables).table
     result = wo.run(study)
     assert result.status == "ok", result.reason
-    effort = tables["objective"]["effort"]
-    rms = value(result, "input_rms")
-    ours = value(result, "speed_simulated") - effort * rms**2
-    for found in crawls(tables, 4, seed):
-        if found.merit > ours:  # else its smoothed friction has not gained either
-            speed, over = simulated(study.task, found)
-            theirs = speed - effort * np.mean(np.sum(found.inputs**2, axis=0))
-            assert ours >= theirs - 1e-3 * abs(theirs) or over > 1e-3
+    limits, effort = tables["limits"], tables["objective"]["effort"]
+    # what needs no other program
+    length, u = result["length"].values, result["input"].values
+    rate = -np.diff(result["velocity"].values, axis=0)
+    assert limits["length"][0] * (1 - 1e-6) <= length.min()
+    assert length.max() <= limits["length"][1] * (1 + 1e-6)
+    assert np.abs(u).max() <= limits["actuator_force"] * (1 + 1e-6)
+    assert np.abs(rate).max() <= limits.get("rate", np.inf) * (1 + 1e-3)
+    assert (u * rate).max() <= limits.get("actuator_power", np.inf) * (1 + 1e-3)
+    ours = value(result, "speed_simulated") - effort * value(result, "input_rms") ** 2
+    rivals = [one for one in crawls(tables, 4, seed) if one.merit > ours]
+    for found in [*rivals, *waves(tables, seed)]:
+        speed, over = simulated(study.task, found)
+        theirs = speed - effort * np.mean(np.sum(found.inputs**2, axis=0))
+        assert ours >= theirs - 1e-3 * abs(theirs) or over > 1e-3
+
+
+def waves(tables: dict, seed: int) -> Iterator[Found]:
+    """Rivals that are always there: random waves of inputs, where their simulation shows all."""
+    dice, limits = np.random.default_rng([2, seed]), tables["limits"]
+    durations = np.max(limits["period"]) / np.array([1, 2, 4, 8])
+    for duration in [] if "acceleration" in limits else durations:
+        phase = dice.uniform(0, 2 * np.pi, (tables["worm"]["links"], 1))
+        size = dice.uniform(0.1, 1.0) * limits["actuator_force"]
+        yield Found(duration, size * np.cos(np.linspace(0, 2 * np.pi, 51)[:-1] + phase), np.nan)
 
 
 def simulated(task: CrawlTask, found: Found) -> tuple[float, float]:
-    """Speed with exact friction after many cycles, and how far lengths exceed their range."""
+    """Speed with exact friction after many cycles, and how far lengths, rates, powers exceed."""
     steps = found.inputs.shape[1]
     breaks = np.linspace(0.0, found.duration, steps + 1)
     course = Gait(breaks, found.inputs.T[:, :, None])
     span, masses = 40 * found.duration, task.worm.links + 1
     run = simulate(wo.drive(task.plant, course, periodic=True), span, dense=True)
     assert run.dense is not None
-    x = run.dense(np.linspace(span - found.duration, span, 400))
+    t = np.linspace(0.0, found.duration, 400)
+    x = run.dense(span - found.duration + t)
+    u = found.inputs[:, (t / t[-1] * steps).astype(int) % steps]
     ranges = task.limits.length_ranges(task.worm.links)
     assert ranges is not None
     low, high = ranges[0]
     length = x[: masses - 1] - x[1:masses]
-    over = max(low - length.min(), length.max() - high) / (high - low)
+    rate = x[masses : 2 * masses - 1] - x[masses + 1 : 2 * masses]
+    limits = task.limits
+    over = max(
+        (low - length.min()) / (high - low),
+        (length.max() - high) / (high - low),
+        np.abs(rate).max() / (limits.rate or np.inf) - 1,
+        (u * rate).max() / (limits.actuator_power or np.inf) - 1,
+    )
     return (x[0, -1] - x[0, 0]) / found.duration, over

@@ -366,7 +366,7 @@ def test_aims_and_plants_that_cannot_be_are_refused():
     [
         ("pair.friction.forward=1.0", "pair.friction", "does not move forward"),
         ("pair.friction.forward=[0.5, 0.5, 1]", "pair.friction.forward", "3 entries"),
-        ('pair.friction={kind="spike"}', "pair.friction", 'write kind = "coulomb"'),
+        ('pair.friction={kind="spike"}', "pair.friction.kind", 'write "coulomb"'),
         ("pair.friction={forward=0.5, backward=1.0}", "pair.friction.kind", "missing"),
         ("pair.friction.stick_forward=0.4", "pair.friction.stick_forward", "at least that force"),
         ("limits.field=[2, 0]", "limits.field", "empty"),

@@ -171,7 +171,7 @@ test_scenes_that_do_not_fit_together_are_refused = refusals(
     fit.model.worm.friction.stick_backward=0.9 | fit.model | stiction
     fit.model.worm.links=3 | fit.model.worm.mass | 3 entries for 4 masses
     gait.spike_load=1.0 | gait.spike_load | the fitted friction holds the masses
-    gait.sharing="least_actuation" | gait.sharing | "least_actuation"
+    gait.sharing="least_actuation" | gait.sharing | nonlinear
     gait.rate=[1, 1, 1] | gait.rate | 3 entries for 2 links
     objective={minimise="energy_per_distance", speed=0.01} | objective.minimise | parameters
     confidence=1.0 | confidence | from 0.5 to below 1

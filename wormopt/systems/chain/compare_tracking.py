@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 from msgspec import structs
 
@@ -22,11 +22,10 @@ from wormopt.systems.chain.hardware import faults_of_hardware
 from wormopt.systems.chain.predictive import (
     ParameterEstimation,
     PredictiveControl,
-    faults_of_nominal,
+    refused_of_nominal,
 )
 from wormopt.systems.chain.tables import (
     ChainTable,
-    CoulombFriction,
     FunnelTracker,
     Grid,
     LeastError,
@@ -89,7 +88,7 @@ class CompareTracking(Rivals, kind="compare-tracking"):
     all figures; [comparison.md](../comparison.md) discusses them.
 
     Not allowed: a tracker with another tube radius; `draws.known` above `draws.members`; friction
-    other than one `coulomb` table; `worm.random`.
+    other than one table.
 
     Intervals over the plants are exact and assume no distribution: Clopper-Pearson intervals for
     the share that leaves the tube, order statistics for medians. Plants that are lost, or whose
@@ -99,6 +98,8 @@ class CompareTracking(Rivals, kind="compare-tracking"):
     second route for the first reference, without trackers. Attributes: `references`, `rivals` (the
     controllers), `known` (names), and `table`, the text of `table.md`.
     """
+
+    refuses: ClassVar = refused_of_nominal("draws")
 
     want: tuple[Literal["comparison", "draws"], ...] = entry(
         "`comparison`: error over time, and largest error against input; `draws`: box plots "
@@ -144,12 +145,9 @@ class CompareTracking(Rivals, kind="compare-tracking"):
 
     def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
         """Yield what is not supported of a chain."""
-        yield from faults_of_nominal(worm, "draws")
-        if not isinstance(worm.friction, CoulombFriction):
-            yield (
-                "worm.friction",
-                'is not supported; write one table with kind = "coulomb" for all masses',
-            )
+        if worm.friction is None or isinstance(worm.friction, tuple):
+            what = "is a list" if worm.friction else "missing"
+            yield "worm.friction", f'{what}; write one table with kind = "coulomb" for all masses'
         if self.estimation is not None:
             yield from self.estimation.faults_in(worm)
 

@@ -60,6 +60,8 @@ _ARCS_A_PHASE = 1.5
 _MISREAD = 1e-3
 # Relaxation that is small against the error of a grid.
 _TIGHT = Complementarity(1e-5, first=1e-2, ratio=0.03)
+# Forces of waves as shares of the largest; actuators that are stronger than needed try all.
+_SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
 # Durations of cycles that are simulated at least and at most, each half the one before.
 _LEAST, _MOST = 7, 16
 # Largest changes of the duration of a cycle in a coarse and in a sharp solve.
@@ -107,15 +109,35 @@ class CrawlTask:
         factors = [draw_factors(own, self.robust.spread, random) for _ in range(self.robust.draws)]
         return [{}, *({name: own[name] * f for name, f in drawn.items()} for drawn in factors)]
 
+    @cached_property
+    def reach(self) -> float:
+        """Usual amplitude of the lengths of links: half their range, or half their rest length."""
+        usual, ranges = self.plant.x[0].nominal, self.limits.length_ranges(self.worm.links)
+        half = math.inf if ranges is None else max(high - low for low, high in ranges) / 2
+        return min(half, 2 * usual if math.isfinite(half) else usual)
+
+    def needed(self, rate: float) -> float:
+        """Force that moves links of this rate through their reach, against ground and load.
+
+        More force seldom helps, so it replaces limits that are far above it.
+        """
+        worm, masses = self.worm, self.worm.links + 1
+        slips = (s * float(law.slip_force(-s * rate, -s)) for law in laws_of(worm) for s in (1, -1))
+        ground = sum(map(abs, per(worm.pull, masses))) + sum(filter(math.isfinite, map(abs, slips)))
+        inertia = sum(per(worm.mass, masses)) * rate / self.reach
+        links = max(per(worm.stiffness, 1)) * self.reach + max(per(worm.damping, 1)) * rate
+        return links + (inertia + sum(per(worm.drag, masses))) * rate + ground
+
     def sized(self, speed: float) -> Model:
         """Scale the plant by the usual size of velocities, and by friction.
 
         Masses and periods alone give forces that are too small by orders of magnitude for light
         worms.
         """
-        plant, force = self.plant, max(per(self.limits.actuator_force, self.worm.links))
-        position, velocity = plant.x
+        position, velocity = self.plant.x
         velocity = replace(velocity, nominal=max(speed, velocity.nominal / 10))
+        plant, most = self.plant, max(per(self.limits.actuator_force, 1))
+        force = min(most, _USUAL_SIZES * self.needed(velocity.nominal))
         held = [end for law in laws_of(self.worm) for end in law.stick_interval]
         sizes = np.abs(np.array(held, dtype=float))
         sizes = np.minimum(sizes[sizes > 0], force)
@@ -250,12 +272,17 @@ class Spiked:
         """Return the designed motion with the actuator forces that it needs."""
         worm, limits, links = task.worm, task.limits, task.worm.links
         masses = np.array(per(worm.mass, links + 1))
-        force = np.array(per(limits.actuator_force, links))
+        needed = task.needed(2 * math.pi * task.reach / self.duration)
+        force = np.minimum(per(limits.actuator_force, links), needed)
         rest = np.array(per(worm.rest_length, links))
         ranges = limits.length_ranges(links) or tuple((0.7 * r, 1.3 * r) for r in rest.tolist())
+        ranges = tuple((low, min(high, low + 4 * task.reach)) for low, high in ranges)
         swing = np.array([high - low for low, high in ranges])
-        most = per(limits.acceleration or (force / masses.mean()).tolist(), links)
-        rate = per(limits.rate or (2 * swing / self.duration).tolist(), links)
+        fast, strong = 2 * swing / self.duration, force / masses.mean()
+        most = per(limits.acceleration or strong.tolist(), links)
+        rate = per(limits.rate or fast.tolist(), links)
+        most = tuple(np.minimum(most, _USUAL_SIZES * strong).tolist())
+        rate = tuple(np.minimum(rate, _USUAL_SIZES * fast).tolist())
         ahead = [max(0.0, -float(law.slip_force(1.0, 1))) for law in laws_of(worm)]
         load, least = np.array(per(worm.pull, links + 1)) + ahead, 1e-9 * float(force.max())
         problem = GaitProblem(
@@ -306,26 +333,31 @@ def starts(task: CrawlTask) -> list[Start]:
 
 def _waves(task: CrawlTask) -> list[Wave]:
     """Simulate waves of several durations, strengths and phases; the best two, unlike ones."""
-    links, force = task.worm.links, min(per(task.limits.actuator_force, task.worm.links))
+    links, most = task.worm.links, min(per(task.limits.actuator_force, task.worm.links))
     along = 2 * np.pi / (links + 1) * np.arange(links)
     scored: list[tuple[float, Wave]] = []
 
-    def tried(duration: float, share: float, phase: np.ndarray) -> float:
+    def tried(duration: float, force: float, phase: np.ndarray) -> float:
         duration = float(np.clip(duration, *task.limits.durations_near(duration, 1.0)))
-        wave = Wave(duration, share * force, tuple(phase.tolist()))
+        wave = Wave(duration, min(force, most), tuple(phase.tolist()))
         scored.append((_score(task, wave), wave))
         return scored[-1][0]
 
+    def forces(duration: float) -> Iterator[float]:
+        needed = task.needed(2 * np.pi * task.reach / duration)
+        shares = _SHARES[:2] if most <= needed else _SHARES
+        return (share * min(most, needed) for share in shares)
+
     duration, best = task.limits.period_range[1], -math.inf
     for k in range(_MOST):
-        score = max(tried(duration, share, along) for share in (1.0, 0.3))
+        score = max(tried(duration, force, along) for force in forces(duration))
         if k >= _LEAST and score < best:
             break
         best, duration = max(best, score), duration / 2
     best_of_all = max(scored, key=lambda one: one[0])[1]
     for scale in (0.7, 1.0, 1.4):
         for phase in (along, -along, np.pi * np.arange(links)):
-            tried(scale * best_of_all.duration, best_of_all.force / force, phase)
+            tried(scale * best_of_all.duration, best_of_all.force, phase)
     ranked = [wave for _, wave in sorted(scored, key=lambda one: -one[0])]
     first = ranked[0]
     unlike = (first.duration / 2, first.duration * 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -22,6 +22,9 @@ from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 
 PERIODS = 6
 """Simulated periods, of which the last is the first guess."""
+# Limits above the first number of usual sizes do not scale their expressions. Those above the
+# second never bind, and count as that number: an interior point loses its way below 1e15.
+_LARGE, _FAR = 20.0, 1e6
 # Inputs of the first guess as a share of the largest force.
 _PART = 0.9
 
@@ -35,7 +38,7 @@ def crawl_problem(
     mean or the worst speed counts. The tail starts at 0; bounds have the names of scene keys.
     Raises ArgumentError if energy is the cost and the plant has no ``mass``.
     """
-    force = max(per(limits.actuator_force, 1))
+    force = min(max(per(limits.actuator_force, 1)), _FAR * plant.u[0].nominal)
     plant = replace(plant, u=[replace(u, lower=-force, upper=force) for u in plant.u])
     length, speed = plant.x[0].nominal, plant.x[1].nominal
     costs = aim.minimise is not None
@@ -63,9 +66,9 @@ def crawl_problem(
     sizes = [each.nominal * length / speed for each in needed]
     totals = [ends.integrals[k] * size for k, size in enumerate(sizes)]
     if limits.energy_per_cycle is not None:
-        most = limits.energy_per_cycle
+        most, size = _limit(limits.energy_per_cycle, plant.u[0].nominal * length)
         spent = totals[-1] / speeds.numel()
-        at_ends.append(Constraint("limits.energy_per_cycle", spent, upper=most, nominal=most))
+        at_ends.append(Constraint("limits.energy_per_cycle", spent, upper=most, nominal=size))
     mean = totals[0] / ends.duration
     if costs:
         mean = mean / _mass(plant) / speeds.numel()
@@ -93,30 +96,38 @@ def _along(plant: Model, limits: CrawlLimits) -> Iterator[Constraint]:
     worms = len(_rows_of_positions(plant))
     links = sum(u.size for u in plant.u)
     rate = ca.vertcat(*_outputs(plant, "rate"))
+    length, speed, force = (s.nominal for s in (*plant.x[:2], plant.u[0]))
     x = ca.vertcat(*(s.symbol for s in plant.x))
 
     def tiled(given: float | tuple[float, ...]) -> np.ndarray:
         return np.tile(per(given, links), worms)
 
-    def within(key: str, expression: ca.SX, most: np.ndarray) -> Constraint:
-        return Constraint(f"limits.{key}", expression, -most, most, float(most.max()))
+    def within(key: str, expression: ca.SX, most: np.ndarray, usual: float) -> Constraint:
+        most, size = _limit(most, usual)
+        return Constraint(f"limits.{key}", expression, -most, most, size)
 
     if isinstance(limits.actuator_force, tuple):
         u = ca.vertcat(*(s.symbol for s in plant.u))
-        yield within("actuator_force", u, np.array(per(limits.actuator_force, links)))
+        yield within("actuator_force", u, np.array(per(limits.actuator_force, links)), force)
     if (ranges := limits.length_ranges(links)) is not None:
         low, high = np.tile(np.array(ranges).T, worms)
         lengths = ca.vertcat(*_outputs(plant, "length"))
-        yield Constraint("limits.length", lengths, low, high, float(high.max()))
+        high, size = _limit(high, length)
+        yield Constraint("limits.length", lengths, low, high, size)
     if limits.rate is not None:
-        yield within("rate", rate, tiled(limits.rate))
+        yield within("rate", rate, tiled(limits.rate), speed)
     if limits.acceleration is not None:
         second = ca.jtimes(rate, x, plant.ode)
-        yield within("acceleration", second, tiled(limits.acceleration))
+        yield within("acceleration", second, tiled(limits.acceleration), speed**2 / length)
     if limits.actuator_power is not None:
-        most, power = tiled(limits.actuator_power), ca.vertcat(*_outputs(plant, "power"))
-        size = float(most.max())
+        most, size = _limit(tiled(limits.actuator_power), force * speed)
+        power = ca.vertcat(*_outputs(plant, "power"))
         yield Constraint("limits.actuator_power", power, upper=most, nominal=size)
+
+
+def _limit(most: Any, usual: float) -> tuple[Any, float]:
+    """A limit, at most far above the usual size of its expression, and what scales it."""
+    return np.minimum(most, _FAR * usual), min(float(np.max(most)), _LARGE * usual)
 
 
 def sine_guess(

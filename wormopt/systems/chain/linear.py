@@ -187,13 +187,19 @@ class Linear(Tracking, kind="linear"):
     `[model]` is a plant of your own in place of the chain, linear but for its contacts. It is
     linearised at its start, and lengths count from those at rest without input.
 
-    Not allowed: `worm.random`; a tracker with feed-forward; links without stiffness; more than 12
+    Not allowed: links without stiffness; more than 12
     links; a motion shorter than two periods of the reference.
 
     Arrays over `gain` are NaN where no value exists: a gain margin above a factor of 10⁶, or an
     unbounded error.
     """
 
+    refuses: ClassVar = {
+        "worm.random": "is not allowed, since linear theory describes a single chain; leave the "
+        "table out",
+        "tracker.feedforward": "is not allowed, since the frozen loop has no feed-forward; leave "
+        "the table out",
+    }
     pictures: ClassVar = {
         "bode": "wormopt.systems.chain.pictures:response",
         "poles": "wormopt.systems.chain.pictures:poles",
@@ -223,22 +229,12 @@ class Linear(Tracking, kind="linear"):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what no single key shows."""
         yield from super().faults_of_keys()
-        if self.tracker.feedforward is not None:
-            yield (
-                "tracker.feedforward",
-                "is not allowed, since the frozen loop has no feed-forward; leave the table out",
-            )
         if self.model is not None and self.point.velocity != 0.0:
             yield "point.velocity", "applies to [worm] only; write value= of states of your Model"
 
     def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
         """Yield what is not supported of a chain."""
         yield from wrong_count("point.velocity", self.point.velocity, worm.links + 1, "masses")
-        if worm.random is not None:
-            yield (
-                "worm.random",
-                "is not allowed, since linear theory describes a single chain; leave the table out",
-            )
         if min(per(worm.stiffness, 1)) <= 0:
             yield (
                 "worm.stiffness",

@@ -138,6 +138,10 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         name: f"wormopt.systems.chain.pictures:{name}" for name in ("signals", "convergence")
     } | {"animation": "wormopt.pictures.worms:animation"}
     wanted: ClassVar = ("convergence",)
+    refuses: ClassVar = {
+        "worm.random": "is not allowed, since an optimal crawl belongs to a known chain; write "
+        "[robust] instead"
+    }
     headline: ClassVar = (
         "speed",
         "speed_simulated",
@@ -165,7 +169,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         "exact answer",
         default=(),
     )
-    worm: ChainTable = entry("the chain, with `friction` and without `random`")
+    worm: ChainTable = entry("the chain, with `friction`")
     limits: CrawlLimits = entry("limits of the crawl")
     objective: Aim = entry("objective of the crawl")
     mesh: MeshTable = entry("mesh in time", default=MeshTable(arcs=24))
@@ -178,12 +182,6 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         """Yield what no single key shows."""
         yield from self.worm.faults(1.0, self.units)
         yield from self.limits.faults_for(self.worm.links)
-        if self.worm.random is not None:
-            yield (
-                "worm.random",
-                "is not allowed, since an optimal crawl belongs to a known chain; write [robust] "
-                "instead",
-            )
         if self.worm.friction is None:
             yield "worm.friction", "missing, and a chain cannot crawl without friction; add it"
         elif self.worm.resists_nothing:

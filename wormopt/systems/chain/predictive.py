@@ -67,14 +67,16 @@ class DrawnPlants(Given):
         return drawn_plants(plant, spread, self.seed, self.members)
 
 
-def faults_of_nominal(worm: ChainTable, drawn: str) -> Iterator[Fault]:
-    """Yield keys that a nominal chain must not have; `drawn`: key of the table of drawn plants."""
-    if worm.random is not None:
-        why = f"since [{drawn}] varies the plants"
-        yield "worm.random", f"is not allowed, {why}; leave the table out"
-    if worm.slope:
-        why = "since drawn masses would change the weights"
-        yield "worm.slope", f"is not allowed, {why}; write worm.load"
+def refused_of_nominal(drawn: str) -> dict[str, str]:
+    """Keys that a nominal chain must not have; `drawn`: key of the table of drawn plants."""
+    laws = dict.fromkeys(("stribeck", "viscous", "spike"), 'is not supported; write "coulomb"')
+    weight = "is not allowed, since drawn masses would change the weights; write worm.load"
+    return {
+        "worm.random": f"is not allowed, since [{drawn}] varies the plants; leave the table out",
+        "worm.slope": weight,
+        "worm.gravity": weight,
+        **{f"worm.friction.{law}": why for law, why in laws.items()},
+    }
 
 
 class PredictiveControl(Given):

@@ -24,7 +24,6 @@ from wormopt.study import (
 )
 from wormopt.study.numerics import ToleranceTable
 from wormopt.systems.chain.tables import (
-    ChainTable,
     Grid,
     LeastError,
     LeastInput,
@@ -88,9 +87,8 @@ class TrackOptimal(Tracking, kind="track-optimal"):
     The optimiser treats contact as a complementarity condition on a fixed grid; an exact simulation
     repeats the motion found, in open loop. The first guess is a simulated LQR with feed-forward.
     `[model]` is a plant of your own in place of the chain; it needs linear equations between its
-    input and output, but for contacts, for the LQR. Not allowed: `worm.random`; `tube.capture` not
-    before the end. If no motion stays in the tube,
-    the exit code is 3 and the message names the tube.
+    input and output, but for contacts, for the LQR. Not allowed: `tube.capture` not before the
+    end. If no motion stays in the tube, the exit code is 3 and the message names the tube.
 
     All scalars except `objective_found` come from the exact simulation. At rest, `contact_force` is
     the force that holds the mass. `event_kind` counts from 0: reversal, stick, release, impact,
@@ -101,6 +99,10 @@ class TrackOptimal(Tracking, kind="track-optimal"):
     pictures: ClassVar = {
         name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion")
     } | {"animation": "wormopt.pictures.worms:animation"}
+    refuses: ClassVar = {
+        "worm.random": "is not allowed, since an optimal input belongs to a single chain; leave "
+        "the table out"
+    }
     headline: ClassVar = (
         "objective",
         "capture_time",
@@ -125,15 +127,6 @@ class TrackOptimal(Tracking, kind="track-optimal"):
         """Yield what no single key shows."""
         yield from super().faults_of_keys()
         yield from self.tube.faults_in(self.time.end)
-
-    def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
-        """Yield what is not supported of a chain."""
-        if worm.random is not None:
-            yield (
-                "worm.random",
-                "is not allowed, since an optimal input belongs to a single chain; leave the "
-                "table out",
-            )
 
     # -- computing ---------------------------------------------------------------------------------
 

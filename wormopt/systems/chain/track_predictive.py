@@ -31,9 +31,9 @@ from wormopt.systems.chain.predictive import (
     DrawnPlants,
     ParameterEstimation,
     PredictiveControl,
-    faults_of_nominal,
+    refused_of_nominal,
 )
-from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Tube
+from wormopt.systems.chain.tables import ChainTable, Tube
 from wormopt.systems.chain.tracking import Tracking
 from wormopt.systems.shared.declared import (
     GAIT,
@@ -175,7 +175,7 @@ class TrackPredictive(Tracking, kind="track-predictive"):
     `[model]` is a plant of your own in place of the chain; it needs linear equations between its
     input and output, but for contacts, for the LQR. If the plant has the same smooth law as the
     controller's model, the controller must match the open loop to 1e-6 of its cost: check `as good
-    as the open loop`. Not allowed: friction other than `coulomb` tables; `worm.random`.
+    as the open loop`.
 
     Attributes: `controllers`, `parameters` (estimated, by name and number), and `table`, the text
     of `table.md`. Scalars that are lists have an entry for each controller.
@@ -185,6 +185,7 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         name: f"wormopt.systems.chain.pictures:{name}" for name in ("predictive", "estimates")
     }
     table_file: ClassVar = True
+    refuses: ClassVar = refused_of_nominal("plants")
 
     want: tuple[Literal["predictive", "estimates"], ...] = entry(
         "`predictive`: error over time, costs on all plants, duration of decisions; "
@@ -211,9 +212,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         """Yield what is not supported of a chain."""
         if self.estimation is not None:
             yield from self.estimation.faults_in(worm)
-        yield from faults_of_nominal(worm, "plants")
-        if not all(isinstance(each, CoulombFriction) for each in worm.ground):
-            yield "worm.friction", 'is not supported; write tables with kind = "coulomb"'
 
     # -- plants and controllers --------------------------------------------------------------------
 

@@ -290,6 +290,9 @@ class FilmForward(Study, kind="film-forward"):
         "basins": "wormopt.systems.film.pictures:basins",
         "animation": "wormopt.systems.film.pictures:animation_of_film",
     }
+    refuses: ClassVar = {
+        "film.eps": "is 0 in this kind, since lubrication theory neglects it; leave it out"
+    }
     headline: ClassVar = (
         "outcome", "distance_to_wave", "distance_to_steady", "growth_rate_max", "growth_rate_end",
     )  # fmt: skip
@@ -316,11 +319,6 @@ class FilmForward(Study, kind="film-forward"):
         """Yield what does not fit between the tables."""
         yield from self.film.faults_in(self.units, needs_wave=self.field is None)
         yield from self._faults_of_tension()
-        if self.film.eps is not None and self.units != "SI":
-            yield (
-                "film.eps",
-                "is 0 in this kind, since lubrication theory neglects it; leave it out",
-            )
         if self.field is not None:
             yield from self.field.faults_in(self.units, self.folder)
         if self.start.shape == "wave" and not self.film.has_wave:

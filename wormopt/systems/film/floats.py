@@ -238,6 +238,7 @@ class Float(Study, kind="float"):
         "floats": "wormopt.systems.film.pictures:floats",
         "animation": "wormopt.systems.film.pictures:animation",
     }
+    refuses: ClassVar = {"film.tension": "has no effect on floats; leave it out"}
     headline: ClassVar = (
         "float_drift", "float_drift_closed", "float_drift_error", "float_drift_corrected",
         "float_drift_bar",
@@ -248,7 +249,7 @@ class Float(Study, kind="float"):
         "2007); `ride`: paths over the wave; `animation`: the first, as a moving GIF",
         default=(),
     )
-    film: Film = entry("film and wave, without `tension`")
+    film: Film = entry("film and wave")
     floats: Floats = entry("bodies on the surface", default=Floats)
     tracers: Tracers | None = entry("tracers in the fluid", default=None)
     time: Ride = entry("duration of the simulation", default=Ride)
@@ -257,8 +258,6 @@ class Float(Study, kind="float"):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what is missing of the film, or has no effect."""
         yield from self.film.faults_in(self.units)
-        if self.film.tension:
-            yield "film.tension", "has no effect on floats; leave it out"
 
     # -- drift by formulas -------------------------------------------------------------------------
 

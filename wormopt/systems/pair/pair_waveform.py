@@ -34,7 +34,7 @@ from wormopt.study import (
 )
 from wormopt.study.numerics import MeshTable
 from wormopt.study.types import NonNegative, PositiveOrPair, Seed, per, wrong_order
-from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
+from wormopt.systems.chain import CoulombFriction, faults_of_law
 from wormopt.systems.pair.tables import NATURAL, Aim
 from wormopt.systems.shared.declared import INSTANT
 from wormopt.systems.shared.optimal_motion import OptimumNumbers, optimum_numbers
@@ -89,18 +89,16 @@ class DrivenPair(Given):
     """Two masses on a magneto-elastic link, dimensionless."""
 
     eps: float = positive("share", "push of the field over stiffness times length")
-    friction: Friction = entry(
-        'friction law of the ground, with `kind = "coulomb"`; forces over the push, equal or '
-        "one per mass; weaker forward than backward"
+    friction: CoulombFriction = entry(
+        "friction law of the ground; forces over the push, equal or one per mass; weaker forward "
+        "than backward"
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield friction with which the pair does not move forward."""
         law, wrong = self.friction, list(faults_of_law("friction", self.friction, 2))
         yield from wrong
-        if not isinstance(law, CoulombFriction):
-            yield "friction", 'is not supported; write kind = "coulomb"'
-        elif not wrong and sum(per(law.forward, 2)) >= sum(per(law.backward, 2)):
+        if not wrong and sum(per(law.forward, 2)) >= sum(per(law.backward, 2)):
             yield (
                 "friction",
                 "is not weaker forward than backward, so the pair does not move forward; write "

@@ -109,6 +109,12 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
     gait meets the limits; or, with `[plant]`, the gait violates a limit there.
     """
 
+    refuses: ClassVar = {
+        "gait.spike_load": "given, but the fitted friction holds the masses; remove it",
+        "gait.sharing": "makes loads nonlinear in the parameters, so errors cannot be propagated; "
+        "remove it",
+        "gait.impulses": "true, but friction holds no impulse; remove the key",
+    }
     headline: ClassVar = (
         "speed",
         "speed_if_known",
@@ -191,18 +197,11 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
                 yield from ((f"plant.{key}", what) for key, what in error.faults)
 
     def _faults_of_gait(self) -> Iterator[Fault]:
-        gait, cost = self.gait, self.objective.minimise
-        if gait.spike_load is not None:
-            yield "gait.spike_load", "given, but the fitted friction holds the masses; remove it"
-        if gait.sharing != "equal":
-            what = "makes loads nonlinear in the parameters, so errors cannot be propagated"
-            yield "gait.sharing", f'"{gait.sharing}" {what}; write "equal"'
-        if gait.impulses:
-            yield "gait.impulses", "true, but friction holds no impulse; remove the key"
         if self.objective.is_smooth:
             yield (
                 "objective.minimise",
-                f"{cost} depends on the parameters, which have errors; choose speed or a peak",
+                f"{self.objective.minimise} depends on the parameters, which have errors; choose "
+                "speed or a peak",
             )
 
     # -- the fit -----------------------------------------------------------------------------------

@@ -42,8 +42,9 @@ _GAIN = 1e-6
 _MISREAD = 1e-2
 # Samples of a motion: least number in all and on each arc, and distance from the ends of an arc.
 _SAMPLES, _PER_ARC, _INSIDE = 400, 3, 1e-9
-# Arcs and phases shorter than these shares of the motion are left out.
-_NOTHING, _SHORT = 1e-12, 1e-9
+# Arcs and phases shorter than these shares of the motion are left out. An interior point with a
+# tolerance of 1e-10 leaves a phase that should vanish with up to the square root of it.
+_NOTHING, _SHORT = 1e-12, 1e-5
 
 
 # -- simulation of the optimal inputs --------------------------------------------------------------
@@ -171,20 +172,24 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
     """Contact modes of each phase (0 at rest, ±1 sliding), and the times of the phase boundaries.
 
     Prescribed modes are kept, others are read from the motion; phases without duration are left
-    out. There is one more time than phases.
+    out, and phases that are alike without them are one. There is one more time than phases.
     """
     motion, treatment = optimum.motion, optimum.treatment
     if isinstance(treatment, FixedModes):
         edges = motion.phase_breaks()
-        modes = treatment.modes.phases if treatment.modes else ((),) * motion.mesh.phases
+        none = ((),) * motion.mesh.phases
+        modes = treatment.modes.phases if treatment.modes else none
+        active = treatment.active or none
     else:
         least = 1 if isinstance(treatment, SwitchDetection) else 2
         structure = structure_of(motion, speed=resting_speeds(optimum)[0], least=least)
         edges = np.concatenate([[0.0], np.cumsum(structure.durations)])
-        modes = structure.modes.phases
-    lasting = np.diff(edges) > _SHORT * motion.duration
-    kept = [list(m) for m, lasts in zip(modes, lasting, strict=True) if lasts]
-    return kept, [*edges[:-1][lasting].tolist(), motion.duration]
+        modes, active = structure.modes.phases, structure.active
+    keys, kept = list(zip(modes, active, strict=True)), list[int]()
+    for k in np.flatnonzero(np.diff(edges) > _SHORT * motion.duration):
+        if not kept or keys[k] != keys[kept[-1]]:
+            kept.append(int(k))
+    return [list(modes[k]) for k in kept], [0.0, *edges[kept[1:]].tolist(), motion.duration]
 
 
 # -- numbers ---------------------------------------------------------------------------------------

@@ -175,6 +175,10 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
     quantity. Timing: `front`.
     """
 
+    refuses: ClassVar = {
+        "search.certify": "a front has no certificate; remove the table and certify single gaits "
+        'in scenes of kind = "gait-design"'
+    }
     headline: ClassVar = (
         "front_objective",
         "front_points",
@@ -200,12 +204,6 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
         """Yield the faults that no single key shows."""
         yield from self.faults_of_design()
         yield from self.faults_of_cost("pareto.against", self.pareto.against)
-        if self.search.certify is not None:
-            yield (
-                "search.certify",
-                "a front has no certificate; remove the table and certify single gaits in scenes "
-                'of kind = "gait-design"',
-            )
 
     # -- the designs -------------------------------------------------------------------------------
 
