@@ -393,7 +393,7 @@ def test_a_scene_sets_rivals_side_by_side(tmp_path: Path):
 def test_a_scene_refuses_a_rate_funnel_that_is_too_narrow(tmp_path: Path):
     change = 'tracker={feedback="funnel", law="two gains", funnel={start=1, end=0.1, time=0.1}, '
     change += "rate_funnel={start=4, end=2, time=1}}"
-    with pytest.raises(SceneError, match="tracker: at t = 0 the funnel narrows at 9, and"):
+    with pytest.raises(SceneError, match="tracker: at t = 0 the funnel narrows at the rate 9, but"):
         wo.run(load_scene(write(tmp_path, TRACK), [change]))
 
 

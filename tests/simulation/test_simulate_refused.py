@@ -22,9 +22,9 @@ from wormopt.systems.spiked.construct import fast_gait
     [
         ({"p": {"colour": 1.0}}, "has no parameter or input 'colour'"),
         ({"x0": {"x": [1.0, 2.0, 3.0]}}, "has 2 entries, not 3"),
-        ({"x0": np.zeros(2)}, r"write each state by its name, \{'x': ...\}, not ndarray"),
-        ({"p": [1.0]}, r"write each parameter or input by its name, .*, not list"),
-        ({"schedules": [1.0]}, r"write each schedule by its name, .*, not list"),
+        ({"x0": np.zeros(2)}, r"write each state by name, \{'x': ...\}, not ndarray"),
+        ({"p": [1.0]}, r"write each parameter or input by name, .*, not list"),
+        ({"schedules": [1.0]}, r"write each schedule by name, .*, not list"),
         ({"x0": {"x": "far"}}, "state x must be a number or a list of numbers, not 'far'"),
         ({"times": "all"}, "times must be a number or a list of numbers, not 'all'"),
         ({"times": [0.0, 2.0]}, "sample times must ascend within"),

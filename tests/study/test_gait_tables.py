@@ -115,7 +115,7 @@ def test_a_scene_in_si_converts_the_units_of_its_gait(tmp_path: Path):
     result = wo.run(scene_of(tmp_path, "SI"))
     assert result["length"].values.max() < 0.08
     assert result["time"].values[-1] == pytest.approx(1.2)
-    with pytest.raises(SceneError, match=r'gait\.file: gait\.csv line 1, column t: a unit, "ms"'):
+    with pytest.raises(SceneError, match=r'gait\.file: gait\.csv line 1, column t: the unit "ms"'):
         wo.run(scene_of(tmp_path, "dimensionless"))
 
 

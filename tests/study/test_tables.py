@@ -354,12 +354,12 @@ def test_angles_of_a_file_are_unwrapped_in_their_own_unit(tmp_path: Path, unwrap
     states = [wo.Signal("angle", angle, unit="angle"), wo.Signal("x", x)]
     model = wo.Model("turn", x=states, ode=ca.SX([1, 1]))
     table = RecordingFile(file="run.csv", columns={"head": "angle[0]"}, unwrap=(unwrap,))
-    assert list(table.faults_in(tmp_path, "SI")) == []
+    assert list(table.faults_in(tmp_path, "SI", {})) == []
     (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
     expected = np.deg2rad(50.0) * np.arange(20)
     assert run.recording.readings["angle"][0] == pytest.approx(expected, abs=1e-12)
     wrong = RecordingFile(file="run.csv", columns={"head": "angle[0]"}, unwrap=("haed",))
-    ((key, said),) = wrong.faults_in(tmp_path, "SI")
+    ((key, said),) = wrong.faults_in(tmp_path, "SI", {})
     assert (key, said) == ("unwrap", "the file has no column haed; did you mean head?")
 
 
@@ -413,7 +413,7 @@ def test_a_recording_of_a_spreadsheet_with_decimal_commas_is_fitted(tmp_path: Pa
     text = "\r\n".join(["Messung 7 (µm)", "time [ms];x", *rows, ";"])
     (tmp_path / "run.csv").write_bytes(text.encode(encoding))
     table = RecordingFile(file="run.csv", start={"x": 1.0})
-    assert list(table.faults_in(tmp_path, "SI")) == []
+    assert list(table.faults_in(tmp_path, "SI", {})) == []
     (run,) = runs_of([table], tmp_path, spring(), "SI", {}, "scene")
     assert run.recording.count == len(TIME) - 3
     assert found_of(run.recording) == pytest.approx(0.4, rel=1e-6)

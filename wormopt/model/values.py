@@ -82,11 +82,11 @@ def nominal_of(signals: Sequence[Any]) -> np.ndarray:
 def check_names(given: object, known: Sequence[str], what: str) -> None:
     """Refuse anything but a mapping from known names; `what` they name, such as "state".
 
-    Raises ArgumentError if it is no mapping, UnknownNameError if it has other names.
+    Raises ArgumentError if it is not a mapping, UnknownNameError if it has other names.
     """
     if not isinstance(given, Mapping):
         example = f"{{{known[0] if known else 'name'!r}: ...}}"
-        raise ArgumentError(f"write {what}s by name, {example}, not {type(given).__name__}")
+        raise ArgumentError(f"write each {what} by name, {example}, not {type(given).__name__}")
     unknown = [name for name in given if name not in known]
     if unknown:
         raise UnknownNameError("the model", what, unknown, known)

@@ -117,7 +117,7 @@ def test_what_a_camera_writes_is_read_as_it_is(tmp_path: Path):
         window=(1401.0, 1403.0),
     )
     model = chain(1, **LINK)
-    assert list(table.faults_in(tmp_path, "SI")) == []
+    assert list(table.faults_in(tmp_path, "SI", {})) == []
     (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
     assert run.recording.time == pytest.approx([28.04, 28.06], rel=1e-15)
     assert run.recording.values["position"] == pytest.approx(
