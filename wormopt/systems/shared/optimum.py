@@ -172,7 +172,7 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
     """Contact modes of each phase (0 at rest, ±1 sliding), and the times of the phase boundaries.
 
     Prescribed modes are kept, others are read from the motion; phases without duration are left
-    out, and phases that are alike without them are one. There is one more time than phases.
+    out, and those that are alike beside one left out become one. There is one more time than phases.
     """
     motion, treatment = optimum.motion, optimum.treatment
     if isinstance(treatment, FixedModes):
@@ -185,10 +185,11 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
         structure = structure_of(motion, speed=resting_speeds(optimum)[0], least=least)
         edges = np.concatenate([[0.0], np.cumsum(structure.durations)])
         modes, active = structure.modes.phases, structure.active
-    keys, kept = list(zip(modes, active, strict=True)), list[int]()
+    keys, kept, last = list(zip(modes, active, strict=True)), list[int](), 0
     for k in np.flatnonzero(np.diff(edges) > _SHORT * motion.duration):
-        if not kept or keys[k] != keys[kept[-1]]:
+        if not kept or k == last + 1 or keys[k] != keys[kept[-1]]:
             kept.append(int(k))
+        last = k
     return [list(modes[k]) for k in kept], [0.0, *edges[kept[1:]].tolist(), motion.duration]
 
 
