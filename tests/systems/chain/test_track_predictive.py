@@ -238,9 +238,9 @@ def test_in_a_comparison_each_plant_has_inputs_of_its_own():
     ]  # fmt: skip
     study = wo.load("compare_tracking", change)
     gait = fast_gait(1.0)
-    draws = study.plants(gait)
+    draws = study.drawn()
     assert study.decision_names == ("predictive", "predictive + estimation")
-    trial = Trial(study.tube, study.time, study.tolerance, None, draws)
+    trial = Trial(study.tube, study.time, study.tolerance, study.hardware, draws)
     for name in study.decision_names:
         decided = study.make_decisions((name, gait, draws))
         assert decided.nominal is not None
