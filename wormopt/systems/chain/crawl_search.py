@@ -497,17 +497,14 @@ def polished(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
 
 
 def _halved(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
-    """Solve with arcs halved, or with as many equal ones at first; None if this fails."""
-    optimum = found.optimum(task)
-    motion = optimum.motion
+    """Solve with arcs halved; None if this fails."""
+    motion = found.optimum(task).motion
     halves = np.repeat(motion.arcs.duration / 2, 2)
     report(f"solving with {len(halves)} arcs", None)
     near = replace(motion.guess, phases=halves)
     fixed = found.duration[0] == found.duration[1]
     duration = motion.duration if fixed else None
-    return _found(lambda: _sharp(task, near, len(halves), duration, _HALVED)) or _found(
-        lambda: _sharp(task, _whole(optimum), len(halves), duration)
-    )
+    return _found(lambda: _sharp(task, near, len(halves), duration, _HALVED))
 
 
 def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[float]]:
