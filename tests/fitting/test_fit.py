@@ -312,7 +312,7 @@ def task_of(*sought: str | wo.Unknown) -> wo.FitTask:
 
 def test_more_numbers_than_readings_are_refused():
     run = wo.Recording([0.0, 0.5], {"position": [0.0, np.nan]}, span=(0.0, 1.0))
-    with pytest.raises(wo.ArgumentError, match="1 more"):
+    with pytest.raises(wo.ArgumentError, match="add 1 more"):
         wo.FitTask(sliding_block(), [run], [wo.Unknown("mass"), wo.Unknown("velocity")])
 
 

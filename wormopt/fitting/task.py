@@ -295,8 +295,8 @@ class FitTask:
         )
         if missing > 0:
             raise ArgumentError(
-                f"{len(self.coordinates)} unknowns, but {readings} readings; add {missing} "
-                "readings or priors"
+                f"the number of readings and priors is {readings}, that of unknowns is "
+                f"{len(self.coordinates)}; add {missing} more"
             )
 
     # -- coordinates -----------------------------------------------------------------------
