@@ -417,7 +417,7 @@ def test_resting_sets_come_back_from_a_sequence(contacts: int, data: st.DataObje
 
 @pytest.mark.parametrize("phases", [(), ((0, 1), (0, 1, 1))])
 def test_sequences_without_a_common_set_of_contacts_are_refused(phases: tuple):
-    with pytest.raises(ValueError, match="phases must be"):
+    with pytest.raises(ValueError, match="phases must"):
         ModeSequence(phases)
 
 

@@ -180,7 +180,7 @@ class Material(SIStudy, kind="material"):
         if self.strain is not None:
             yield from wrong_order("strain", self.strain, may_be_equal=False)
             if self.strain[0] <= -1:
-                yield "strain[0]", f"{self.strain[0]:g} leaves no bar; write more than -1"
+                yield "strain[0]", f"{self.strain[0]:g} leaves no bar; write a strain above -1"
 
     @stage
     def identification(self) -> FoundMaterial:
