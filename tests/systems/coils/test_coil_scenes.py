@@ -264,7 +264,7 @@ test_what_no_row_can_be_is_refused = refusals(
     switching.ampere_turns=3001 | switching.ampere_turns | at most
     units="dimensionless" | units | units = "SI"
     want=["row_currents"] | want[0] | travelling_field
-    coils.count=1 & line.margin=0 & switching.on=1 | coils.count | 2 or more
+    coils.count=1 & line.margin=0 & switching.on=1 | coils.count | at least 2
     """,
 )
 test_what_no_inverse_can_be_is_refused = refusals(
