@@ -279,7 +279,7 @@ class NormalForm:
         >>> form.zero_dynamics()
         Traceback (most recent call last):
         ...
-        wormopt.errors.ArgumentError: 3 coordinates y, y', eta for 4 states; name more by internal=
+        wormopt.errors.ArgumentError: 3 coordinates y, y', eta for 4 states; name more in internal=
         >>> names = ["center_of_mass", "center_velocity"]
         >>> still = normal_form(worm, output="length", internal=names).zero_dynamics()
         >>> motion = simulate(still, 5.0, x0={"center_velocity": 1.0})

@@ -95,7 +95,7 @@ class Ipopt:
     --------
     >>> Ipopt(3)
     Traceback (most recent call last):
-    wormopt.errors.ArgumentError: tolerance must be below 1, not 3; the count is iterations
+    wormopt.errors.ArgumentError: tolerance must be below 1, not 3; iterations limits their number
     """
 
     tolerance: float = 1e-9
