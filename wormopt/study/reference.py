@@ -1,4 +1,4 @@
-# pyright: strict, reportUnknownArgumentType=false
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 """Reference of a kind of scene: a page and a JSON Schema.
 
 Both are made from the tables into which scenes are read, so that they are always up to date.
