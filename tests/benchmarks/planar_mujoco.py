@@ -10,6 +10,7 @@ softness, weight 9.81) it is not. Impedance stays at 0.9: feet of one body share
 
 from __future__ import annotations
 
+import importlib
 import math
 from copy import copy
 from functools import cache
@@ -26,7 +27,7 @@ _SETTLE = 2000  # steps before the start
 
 def by_mujoco(task: Stop, *, tuned: bool = True) -> Solver:
     """MuJoCo, asked for a time step; `tuned`: made as exact as its options allow."""
-    import mujoco  # type: ignore[import-not-found]
+    mujoco: Any = importlib.import_module("mujoco")  # without types, where it is installed
 
     @cache
     def settled(step: float) -> tuple[Any, Any]:
