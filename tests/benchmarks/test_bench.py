@@ -246,6 +246,7 @@ def test_films_by_all_integrators_come_to_the_same_end():
     assert "276 cells" in task.title
 
 
+@pytest.mark.slow
 def test_the_slide_is_the_same_program_for_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["ocp", "--quick", "--json", "-o", str(tmp_path)]) == 0
     found = json.loads(capsys.readouterr().out)["cases"]["ocp"]

@@ -269,6 +269,7 @@ def test_the_benchmark_problem_is_among_those_posed():
     assert few == many[: len(few)]
 
 
+@pytest.mark.slow
 def test_bounds_are_certified():
     bound = certified_bound(G1, 3.0)
     assert G1_OPTIMUM <= bound.speed <= 1.03 * G1_OPTIMUM

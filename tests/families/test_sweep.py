@@ -327,6 +327,7 @@ def test_a_point_at_which_processes_die_is_given_up(tmp_path: Path):
     assert record.status == "ok"
 
 
+@pytest.mark.slow
 def test_points_depend_on_pictures_for_which_more_is_computed():
     """Only studies that say so look at the wanted pictures, but to check what was given."""
     systems = Path(wo.__file__).parent / "systems"
@@ -655,6 +656,7 @@ def test_a_sweep_draws_itself_unasked():
     assert drawn.axes[-1].get_xlabel().startswith("worm.load")
 
 
+@pytest.mark.slow
 def test_a_sweep_of_several_trackers_draws_a_line_for_each():
     base = {"tolerance.recheck": False, "time.samples": 11}
     scene = wo.load_scene("fig05_lambda_trackers", base)

@@ -508,6 +508,7 @@ def test_errors_are_infinite_where_derivatives_are_no_more_exact_than_that():
     assert covariance_of(pair, np.ones(2), 1e-3)[0, 0] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_number_that_only_matters_above_a_threshold_is_not_known_as_well_as_its_error_says():
     """Below 1 the rate of this decay does not matter, and its best value is just above."""
     x, rate = ca.SX.sym("x"), ca.SX.sym("rate")

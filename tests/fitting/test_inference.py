@@ -287,6 +287,7 @@ def two_runs(seed: int, own: bool) -> tuple[Fit, Recording, np.ndarray, np.ndarr
     return found, runs[1], X, kept
 
 
+@pytest.mark.slow
 def test_bands_hold_their_share_of_the_readings_over_many_fits():
     """Of one run they hold more or fewer: what a fit does not know moves all its readings alike."""
     shares = []

@@ -107,6 +107,7 @@ def test_relaxed_contact_comes_near_the_exact_optimum_from_a_coarse_grid():
     )
 
 
+@pytest.mark.slow
 def test_the_smooth_slide_is_found_to_the_tolerance_asked_for():
     drive = Regularised(1 / 40, 1 / 40, active=((1,), (-1,)))
     coarse = optimise(slide(), even(10, 3, phases=2), drive, LINE)

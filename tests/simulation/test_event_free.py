@@ -174,7 +174,9 @@ def test_what_steps_without_events_do_not_know_is_refused():
     end = Switch("end", x - 1, x, terminal=True)
     model = Model("ends", x=[Signal("x", x, value=0.0)], ode=ca.SX(1), switches=[end])
     motion = simulate(model, 0.5)
-    with pytest.raises(ArgumentError, match=r"ends: .* do not support switches that end the motion"):
+    with pytest.raises(
+        ArgumentError, match=r"ends: .* do not support switches that end the motion"
+    ):
         ending(motion, np.zeros(1), 1e-6)
 
 

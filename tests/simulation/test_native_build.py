@@ -92,6 +92,7 @@ def answer() -> int:
 # -- the cache -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_second_process_compiles_nothing(logged: Compiler):
     run(SIMULATE)
     assert logged.calls == 2  # the driver and the model

@@ -171,6 +171,7 @@ def test_of_all_lengths_the_sleeve_s_has_the_least_energy(rise: float):
     assert slope == pytest.approx(0, abs=1e-4 * least)
 
 
+@pytest.mark.slow
 def test_the_rate_of_energy_with_length_is_the_hamiltonian():
     L, step = 1.24, 1e-4
     ends = [held_at(L + k * step, 0.7).at([1.0])[4, 0] for k in (-1, 1)]

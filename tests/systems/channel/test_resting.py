@@ -238,6 +238,7 @@ def energy(loaded: Loaded, q: np.ndarray, given: list[float]) -> float:
     return float(np.array(stored).item() + np.array(loaded.potential(q.ravel(), given)).item())
 
 
+@pytest.mark.slow
 def test_there_is_more_than_one_place_of_rest():
     """In a weak field a rod that lies along a wall stays there; bent, it has less energy."""
     rod, loaded = attracted(24)

@@ -71,6 +71,7 @@ def test_which_assumed_shape_is_closest_to_the_rod():
     assert "local minimum" in result.trust["assumptions"]["rod's rest"]
 
 
+@pytest.mark.slow
 def test_the_segment_is_the_rod_between_two_coils():
     result = quick()
     x, y = (result[name].values[-1] for name in "xy")

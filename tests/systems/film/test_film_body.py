@@ -78,6 +78,7 @@ def test_weight_helps_the_front_face_to_hold_it() -> None:
     assert math.sin(held["phase"][0, -1]) < 0  # where the surface at a fixed place rises
 
 
+@pytest.mark.slow
 @given(
     delta=st.floats(0.05, 0.9),
     mass=st.floats(0.05, 5.0),
@@ -244,6 +245,7 @@ def test_the_packaged_body_creeps_backward() -> None:
     assert 1.1 < result.scalars["friction_forward"].value < 1.125
 
 
+@pytest.mark.slow
 def test_si_bodies_have_the_numbers_of_their_scales() -> None:
     result = wo.run(SI | {"body": SINKER, "time": {"periods": 1.0}})
     assert result.status == "ok"

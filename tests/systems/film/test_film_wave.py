@@ -205,6 +205,7 @@ def test_even_jumps_are_the_best_small_field(tension: float, crests: int):
     assert best_small_flow(tension) == pytest.approx(max(series), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_weak_field_makes_the_wave_of_the_linear_film():
     limits = dataclasses.replace(LIMITS, field=0.02)
     found = best_wave(limits, WaveAim())

@@ -191,6 +191,7 @@ def test_figure_13():
     )
 
 
+@pytest.mark.slow
 def test_signals_of_figure_13_are_in_its_units_and_strains_are_not_small():
     # half the points of quadrature, which is as exact; slow tests look at the second route
     result = wo.run(load_scene("fig13_magnetic_pair", [UNCHECKED, "averaging.nodes=8"]))

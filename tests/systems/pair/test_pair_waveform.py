@@ -203,6 +203,7 @@ def test_a_strain_below_that_of_the_mean_field_leaves_lower_fields():
     assert any("beyond limits.strain" in text for text in result.trust["warnings"])
 
 
+@pytest.mark.slow
 def test_a_push_that_grows_and_a_waveform_that_is_no_better_are_told(
     monkeypatch: pytest.MonkeyPatch,
 ):
@@ -415,6 +416,7 @@ def test_ranges_without_a_resonance_are_read(change: str):
     assert not any(low <= math.sqrt(2) / k <= high for k in range(1, 10))
 
 
+@pytest.mark.slow
 def test_the_scene_runs_and_draws(tmp_path: Path):
     folder = tmp_path / "out"
     assert main(["run", NAME, "-o", str(folder), "--quiet", "--set", "mesh.arcs=30"]) == 0

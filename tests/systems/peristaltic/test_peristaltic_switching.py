@@ -162,6 +162,7 @@ def test_one_coil_at_a_time():
     assert durations.sum() == pytest.approx(found.period, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_thrift_against_speed():
     limits = SwitchLimits((0.1, 20.0))
     fast, cheap = search(TWO, "speed", limits).best, search(TWO, "thrift", limits).best
@@ -214,6 +215,7 @@ def test_the_scene_finds_the_same_by_collocation_and_simulation():
     assert places[0, -1] - places[0, 0] == pytest.approx(found.scalars["distance"].value)
 
 
+@pytest.mark.slow
 def test_arcs_of_many_time_constants_are_resolved():
     found = solved("worm.segments=2", "limits.period=[24.0, 1e12]")
     assert found.status == "ok"

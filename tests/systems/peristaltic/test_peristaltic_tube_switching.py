@@ -173,6 +173,7 @@ def test_the_scene_in_a_tube(longest: str):
         assert np.abs(np.diff(places[j]))[both].max(initial=0.0) < 1e-9
 
 
+@pytest.mark.slow
 def test_periods_too_short_to_be_resolved_name_those_to_write():
     changes = ["want=[]", "worm.segments=3", "search.starts=1", "worm.time_on=2e3"]
     found = wo.run(load_scene("peristaltic_tube_switching", changes))

@@ -296,6 +296,7 @@ def test_loads_of_a_driven_chain_vanish_behind_its_tail() -> None:
     assert energy_error(motion, "kinetic_energy") < 1e-10
 
 
+@pytest.mark.slow
 def test_a_driven_chain_does_what_a_free_one_does_with_its_loads() -> None:
     """Loads of the driven body, fed into the chain of masses, give the same motion."""
     lengths, bends = ([1.0, 1.1], [0.2, 0.1], [0.0, -0.3]), ([0.2], [0.3], [0.4])
@@ -336,6 +337,7 @@ def tripod(until: float, **changed: Any) -> Any:
     return simulate(driven_shape(legs, **{**numbers, "turning": 1.0, **changed}), until)
 
 
+@pytest.mark.slow
 def test_a_tripod_comes_to_rest_about_one_of_its_legs() -> None:
     """Benchmark B3: the leg stops, the body turns about it, slowing by F / (sqrt(3) m R)."""
     motion = tripod(1.6)

@@ -19,6 +19,7 @@ from wormopt.systems.planar.poses import inverse
 P = wo.planar
 
 
+@pytest.mark.slow
 def test_three_links_go_as_far_as_other_programs_say(cycle):
     # theory note B6: |d|, work and turn from two other programs
     x, y, turn = cycle.displacement

@@ -52,6 +52,7 @@ LONE = P.Harmonics([0.3], cosine=[[0.5]], sine=[[0.1]])
 LONE_WORK = _work(np.array([0.3 - np.sqrt(0.26), 0.3 + np.sqrt(0.26)]))
 
 
+@pytest.mark.slow
 def test_a_single_joint_that_turns_back_takes_the_work_of_its_angles():
     """Also by the loads of its actuator, on panels of which none ends where it turns back."""
     found = P.crawl(P.chain_shape(2, lengths=(1.0, 1.0)), Elliptic(1.0, 1.0, 1.0), LONE, samples=32)
@@ -71,6 +72,7 @@ def test_the_scene_of_a_single_joint_is_accepted():
     assert result["actuator_work"].value == pytest.approx(LONE_WORK, rel=1e-8)
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(6))
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
 def test_work_of_two_equal_links_is_that_of_the_angles_they_turn_at(seed: int, orders: int):

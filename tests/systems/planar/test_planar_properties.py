@@ -203,6 +203,7 @@ def test_ground_that_steps_do_not_treat_has_none() -> None:
         assert stepper_of(draw(2, ground, 1).model()) is None
 
 
+@pytest.mark.slow
 def test_the_example_of_an_obstacle_runs(capsys: pytest.CaptureFixture[str]) -> None:
     """The worm goes round the disc and does not enter it."""
     page = DOCS / "theory-planar.md"

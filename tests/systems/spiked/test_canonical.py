@@ -107,7 +107,7 @@ def test_links_are_as_long_as_they_can_be():
     ("worm", "limits"),
     [
         (G1_WORM, G1_LIMITS),
-        (Worm(3, load=5.0), G1_LIMITS),
+        pytest.param(Worm(3, load=5.0), G1_LIMITS, marks=pytest.mark.slow),
         pytest.param(Worm(4, load=5.0), G1_LIMITS.vary(resting=2), marks=pytest.mark.slow),
         pytest.param(Worm(6, load=5.0), G1_LIMITS, marks=pytest.mark.slow),
         pytest.param(Worm(2, load=5.0, drag=0.5), G1_LIMITS, marks=pytest.mark.slow),

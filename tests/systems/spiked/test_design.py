@@ -107,6 +107,7 @@ def test_halving_every_arc_confirms_the_discretisation_error():
     assert abs(found.error) < 1e-6
 
 
+@pytest.mark.slow
 def test_uphill_gait_keeps_two_masses_at_rest():
     result = run("gait.resting=2", 'search.effort="quick"')
     assert value(result, "resting_min") == 2
@@ -222,6 +223,7 @@ def test_mirror_images_and_masses_that_rest_for_ever_are_left_out():
     assert comb(4, 2) == len({s for word in whole for s in word})
 
 
+@pytest.mark.slow
 def test_mirror_images_really_are_equally_fast():
     speeds = [
         value(run(f"search.sequence={order}", 'search.effort="quick"'), "speed")
@@ -324,6 +326,7 @@ FRONT = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
     from wormopt.systems.spiked import gait_pareto
 
@@ -386,6 +389,7 @@ def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
     assert (folder / "summary.json").is_file()
 
 
+@pytest.mark.slow
 def test_impulses_reach_what_accelerations_cannot():
     """Rates may jump without an acceleration limit; momentum still falls no faster than by load."""
     limits = G1_LIMITS.vary(acceleration=None, impulses=True)

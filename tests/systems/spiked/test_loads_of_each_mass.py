@@ -46,6 +46,7 @@ def test_numbers_alike_are_one_load():
     assert ranged.loads(1.5) == (1.5, 2.0, 1.0)
 
 
+@pytest.mark.slow
 def test_designs_keep_the_limits_of_actuators_with_the_loads_where_they_are():
     """All loads at the tail, whose link carries them: 12 less the spikes' share."""
     limit = G1_LIMITS.vary(actuator_force=14.0)

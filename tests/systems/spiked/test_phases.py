@@ -39,6 +39,7 @@ def test_a_design_has_no_phases_of_next_to_no_length():
     assert found.phases == 2
 
 
+@pytest.mark.slow
 def test_a_gap_is_not_withheld_where_a_cycle_repeats_itself():
     """Two cycles alike of three phases were taken for one of six; and one is enough."""
     limits = Limits(period=(0.3, 2.0), length=(0.7, 1.3), acceleration=20.0, spike_load=16.6353)

@@ -326,7 +326,14 @@ def test_relaxing_a_limit_never_slows_down(
     assert speed(lighter, limits) >= least * (1 - 1e-6)
 
 
-@pytest.mark.parametrize("limit", ["acceleration", "spike_load", "actuator_force", "rate"])
+@pytest.mark.parametrize(
+    "limit",
+    [
+        "actuator_force",
+        "rate",
+        *(pytest.param(each, marks=pytest.mark.slow) for each in ("acceleration", "spike_load")),
+    ],
+)
 def test_a_limit_that_never_binds_is_as_good_as_none(limit: str):
     """Over 30 decades; the largest acceleration was 45 % slower, of the largest forces no gait."""
     own = OWN.vary(sequence=((0,), (2,))) if limit == "acceleration" else OWN

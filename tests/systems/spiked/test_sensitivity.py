@@ -149,6 +149,7 @@ def test_cost_solved_again():
     assert known["limits.rate"].derivative < 0 < known["objective.speed"].derivative
 
 
+@pytest.mark.slow
 def test_lists_add_up_to_the_one_number():
     """Also where a family of gaits is the best, as here: single multipliers differ by half."""
     search = Search(sequence=ORDER, effort="quick")
@@ -233,6 +234,7 @@ def test_a_picture_of_what_smooth_costs_do_not_have_is_left_out(tmp_path, capsys
     )
 
 
+@pytest.mark.slow
 def test_smooth_costs_have_none():
     search = Search(sequence=((0,), (1,)), effort="quick", workers=1)
     found = design(Worm(1, load=5.0), G1_LIMITS, "acceleration_effort", 0.3, search)

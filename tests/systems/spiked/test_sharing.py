@@ -107,6 +107,7 @@ def test_capped_loads_in_motion():
     assert squares[0] < squares[1]
 
 
+@pytest.mark.slow
 def test_design_may_leave_a_resting_spike_little_load():
     """Both spikes carry 27 at most, by any split: as fast as if only their sum were limited."""
     limits = G1_LIMITS.vary(resting=2, spike_load=27.0, sharing="least_actuation")

@@ -217,6 +217,7 @@ def test_a_course_that_is_too_short_is_told():
     assert any("more time.periods" in w for w in solved("time.periods=3").trust["warnings"])
 
 
+@pytest.mark.slow
 def test_units_and_masses_scale_the_answer():
     # velocities tenfold, frequency double, forces and masses a hundredfold: nothing else changes
     plain = solved()
@@ -255,6 +256,7 @@ def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: Patch):
     assert failed_checks(result) == ["second route"]
 
 
+@pytest.mark.slow
 def test_too_few_nodes_fail(tmp_path: Path):
     law = 'worm.friction={kind="stribeck", forward=0.002, backward=0.004, stick_forward=0.02, '
     law += "stick_backward=0.03, v_stribeck=0.05}"
