@@ -283,7 +283,7 @@ def test_turns_in_place_within_one_per_cent_of_the_supremum():
     assert 0.99 < result.scalars["turn_over_bound"].value < 1.0
     first = result["corner"].values[0, 0]  # from the head to mass 1, about which it turns
     assert result.scalars["circle_radius"].value == pytest.approx(first, abs=1e-9)
-    again = load_scene("planar_gait_design", ["want=[]"]).table.planar_aim
+    again = load_scene("planar_gait_design", ["want=[]"]).table.task
     displacement, work = moved(again, result["corner"].values)
     assert displacement[2] == pytest.approx(result.scalars["turn"].value, abs=1e-12)
     assert work == pytest.approx(result.scalars["work"].value)
