@@ -68,7 +68,8 @@ class Study(Given):
     refuses: ClassVar[Mapping[str, str]] = {}
     """Keys that the kind does not take of shared tables: why, and what to write instead.
 
-    By dotted path; the tag of a table comes after its key. Templates and pages leave them out.
+    By dotted path; the tag of a table comes after its key. Templates, pages and schemas leave them
+    out.
     """
     wanted: ClassVar[tuple[str, ...]] = ()
     """Pictures for which the study computes more."""
