@@ -329,7 +329,8 @@ def to_number(text: str, quantity: str, units: str) -> float:
     # Radians are numbers in scenes without units, too: degrees are allowed there.
     target = unit_of("rad" if quantity == "angle" else quantity, units)
     if target == "1" and units != "SI" and unit_of(quantity, "SI") != "1":
-        raise ValueError('has a unit, but the scene none; write the bare number, or units = "SI"')
+        what = "has a unit, but the scene has none"
+        raise ValueError(f'{what}; write the bare number, or units = "SI"')
     if target == "1" and quantity != "share":
         raise ValueError("has a unit, but this quantity has none; write the bare number")
     hint = f"write {_article(quantity)}, {example(target)}"

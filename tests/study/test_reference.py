@@ -126,6 +126,7 @@ FIXED = {"process": "fixed", "spread": 0.1}
         ("track_predictive", "worm.friction.viscous", 3 * [{"kind": "viscous", "drag": 1.0}]),
         ("linear_chain", "tracker.feedforward", {}),
         ("friction_gait", "gait.impulses", True),
+        ("fit_then_design", "gait.impulses", True),
         ("pareto_speed_load", "search.certify", {}),
     ],
 )

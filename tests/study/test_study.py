@@ -50,7 +50,7 @@ def test_units_are_read_where_the_study_has_them():
     assert (si.spring.length, si.spring.stiffness, si.force) == (0.06, 100.0, -0.5)
     assert Spring(length="60 mm").length == 0.06
     assert si == pull(units="SI", spring=Spring(length="6 cm"), force=-0.5)
-    assert "has a unit, but the scene none" in refusal(lambda: pull(force="1 N"))["force"]
+    assert "has a unit, but the scene has none" in refusal(lambda: pull(force="1 N"))["force"]
     assert "is not a length" in refusal(lambda: Spring(length="1 s"))["length"]
     made_so = (Spring(length="1 m"), {"length": "1 m"})
     for spring, key in zip(made_so, ("spring", "spring.length"), strict=True):

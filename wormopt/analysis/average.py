@@ -318,7 +318,8 @@ def _checked(model: Model) -> Model:
     if not isinstance(model, Model):
         raise ArgumentError(f"model must be a Model, not {type(model).__name__}")
     if model.switches or model.z:
-        raise ArgumentError(f"{model.name} has switches or algebraic variables: cannot average")
+        what = "has switches or algebraic variables and cannot be averaged"
+        raise ArgumentError(f"{model.name} {what}")
     for contact in model.contacts:
         if isinstance(contact.law, PlanarLaw):
             raise ArgumentError(f"{contact.name} moves in the plane and cannot be averaged")

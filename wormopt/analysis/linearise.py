@@ -378,8 +378,10 @@ class LinearModel:
         """
         frequencies = np.asarray(omega, dtype=float).ravel()
         poles, uncertainty = self._poles
-        if np.any(np.abs(1j * frequencies[:, None] - poles) <= uncertainty):
-            raise ArgumentError("a frequency, such as 0, is a pole of the system; leave it out")
+        singular = np.any(np.abs(1j * frequencies[:, None] - poles) <= uncertainty, axis=1)
+        if singular.any():
+            which = frequencies[singular][0]
+            raise ArgumentError(f"the frequency {which:g} is a pole of the system; leave it out")
         a, b, c, _ = self._quotient
         unit = np.eye(len(a))
         columns = [c @ np.linalg.solve(1j * w * unit - a, b) for w in frequencies]

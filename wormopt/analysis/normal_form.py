@@ -328,7 +328,7 @@ class NormalForm:
                 "states have no closed form in them"
             )
         if ca.sprank(matrix) < x.numel():
-            raise ArgumentError("y, y' and eta do not determine the states; name other internal=")
+            raise ArgumentError("y, y' and eta do not determine the states; change internal=")
         offset = ca.substitute(known, x, ca.SX.zeros(x.numel()))
         return ca.densify(ca.solve(matrix, coordinates - offset))
 
@@ -400,7 +400,7 @@ def normal_form(
     y = ca.vertcat(empty, *(model[name] for name in names_in("output", output)))
     if y.numel() != u.numel() or not y.numel():
         raise ArgumentError(
-            f"{model.name}: {y.numel()} outputs for {u.numel()} inputs; name equal numbers"
+            f"{model.name}: {y.numel()} outputs for {u.numel()} inputs; name as many of both"
         )
     rate = lie(model, y)
     for what, column in (("y", y), ("y'", rate)):
@@ -412,7 +412,8 @@ def normal_form(
     reached = ca.DM((~identically_zero(gain, _symbols(model))).astype(float))
     if ca.sprank(ca.sparsify(reached)) < y.numel():
         raise ArgumentError(
-            f"{model.name}: inputs do not act on all y'' independently: relative degree not two"
+            f"{model.name}: inputs do not act on all y'' independently; the relative degree is "
+            "not two"
         )
     shown = _internal(model, internal)
     inner = ca.vertcat(empty, *(e.expression for e in shown))

@@ -174,8 +174,8 @@ def _free(places: Sequence[Signal], held: Mapping[str, Sequence[int]]) -> np.nda
     fixed: list[int] = []
     for name, entries in held.items():
         size = len(columns[name])
-        if not all(-size <= entry < size for entry in entries):
-            raise ArgumentError(f"{name} has {size} entries; there are no {list(entries)}")
+        if lost := [entry for entry in entries if not -size <= entry < size]:
+            raise ArgumentError(f"{name} has {size} entries; there are no {lost}")
         fixed.extend(columns[name][list(entries)].tolist())
     free = np.setdiff1d(np.concatenate(list(columns.values())), fixed)
     if not len(free):

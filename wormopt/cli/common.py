@@ -62,7 +62,7 @@ def kind_name(name: str) -> str:
 def _some(text: str) -> int:
     """Return a positive whole number from the command line."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive whole number, such as 4")
+        raise argparse.ArgumentTypeError(f"{text!r} must be a positive whole number, such as 4")
     return int(text)
 
 

@@ -216,7 +216,8 @@ def _noise(plant: Model, noise: Gait | None, entries: int) -> Reference | None:
     if noise is None:
         return None
     if noise.links != entries:
-        raise ArgumentError(f"noise has {noise.links} rows; write {entries}, one per output")
+        what = f"write {entries}, one per entry of the output"
+        raise ArgumentError(f"noise has {noise.links} rows; {what}")
     return gait_reference(noise, plant.t, periodic=False, name=NOISE)
 
 

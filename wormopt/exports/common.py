@@ -174,7 +174,7 @@ def multiples(step: float, first: float, last: float) -> list[Decimal]:
     slack = 1e-12 * max(abs(first), abs(last))
     low, high = math.ceil((first - slack) / step), math.floor((last + slack) / step)
     if high - low >= _MOST:
-        raise ArgumentError(f"a step of {step:g} gives more than {_MOST} points; write more")
+        raise ArgumentError(f"step = {step:g} gives more than {_MOST} points; write a larger one")
     if high < low:
         raise ArgumentError(f"no multiple of {step:g} is between {first:g} and {last:g}")
     exact = Decimal(repr(float(step)))

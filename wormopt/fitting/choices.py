@@ -155,7 +155,7 @@ class Constant(Choice):
     lower, upper : float
         Limits.
     direction : sequence of float
-        Factor of the number for each entry of the signal; all ones by default.
+        Factor of the number for each entry of the signal; 1 by default.
 
     Raises
     ------

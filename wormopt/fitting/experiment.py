@@ -114,7 +114,8 @@ class Experiment:
     def _check_limits(self) -> None:
         for name, (low, high) in (self.limits or {}).items():
             if not low < high or (np.isinf(low) and np.isinf(high)):
-                raise ArgumentError(f"limits of {name}: [{low}, {high}] must be finite and ascend")
+                what = "must ascend, with at least one finite limit"
+                raise ArgumentError(f"limits of {name}: [{low}, {high}] {what}")
 
     @cached_property
     def instants(self) -> np.ndarray:

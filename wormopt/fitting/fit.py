@@ -210,7 +210,7 @@ def _settled(task: Squares, found: Descent) -> Descent:
 def _look(task: Squares, theta: np.ndarray, count: int) -> Descent:
     residuals, jacobian = task.residuals(theta)
     if not (np.isfinite(residuals).all() and np.isfinite(jacobian).all()):
-        raise SolveError("the motion or its derivatives become infinite", "")
+        raise SolveError("the motion or its derivatives become infinite or NaN", "")
     free = ~held_at(task.bounds, theta, jacobian.T @ residuals)
     return Descent(theta, residuals, jacobian, offset_of(residuals, jacobian, free), count + 1)
 

@@ -223,7 +223,7 @@ class Identifiability:
     error : float
         Error bound of the singular values.
     rank : int
-        Number of larger singular values.
+        Number of singular values above it.
     errors : ndarray, shape (n,)
         Standard error of each unknown by the readings alone, in shares of its size; infinite for
         unidentifiable ones.

@@ -290,13 +290,11 @@ class FitTask:
     def __post_init__(self) -> None:
         check_task(self.model, self.recordings, self.unknowns, self.noise, self.loss)
         readings = sum(run.count for run in self.recordings)
-        missing = (
-            len(self.coordinates) - readings - sum(c.prior is not None for c in self.coordinates)
-        )
-        if missing > 0:
+        priors = sum(c.prior is not None for c in self.coordinates)
+        if (missing := len(self.coordinates) - readings - priors) > 0:
             raise ArgumentError(
-                f"the number of readings and priors is {readings}, that of unknowns is "
-                f"{len(self.coordinates)}; add {missing} more"
+                f"{len(self.coordinates)} unknowns have only {readings} readings and {priors} "
+                f"priors; add {missing} more readings or priors"
             )
 
     # -- coordinates -----------------------------------------------------------------------

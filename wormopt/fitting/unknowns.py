@@ -76,7 +76,7 @@ class Unknown:
         if np.any(np.isinf(start)) or np.any((start < least) | (start > most)):
             raise ArgumentError(f"{self.name}: start {start} must be within its bounds")
         if self.log and (np.any(start <= 0) or np.any(most <= 0)):
-            raise ArgumentError(f"{self.name}: log needs positive values and bounds")
+            raise ArgumentError(f"{self.name}: log needs a positive start and upper bound")
         if self.prior is not None:
             self._check_prior()
 

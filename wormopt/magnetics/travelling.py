@@ -133,7 +133,7 @@ class MovingProfile:
 
     @property
     def ripple(self) -> float:
-        """Root mean square of the part that does not travel, over `variation`; inf if none does."""
+        """Root mean square of the part that does not travel, over `variation`; inf if that is 0."""
         left = float(np.sqrt(np.mean((self.square - self.mean) ** 2)))
         rounding = 1e-13 * float(np.abs(self.square).max())
         return left / self.variation if self.variation > rounding else math.inf

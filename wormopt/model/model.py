@@ -660,7 +660,7 @@ class Model:
 _NONE = ca.SX(0, 1)
 _OWNERS = (
     "add them to the Model in x, z, u, p or t, or with their schedules, delays or contacts; "
-    "with dataclasses.replace, replace both together"
+    "in dataclasses.replace, replace them and the expressions together"
 )
 # Symbols named in a message.
 _NAMED = 5

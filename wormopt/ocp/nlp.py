@@ -95,7 +95,7 @@ class Ipopt:
     --------
     >>> Ipopt(3)
     Traceback (most recent call last):
-    wormopt.errors.ArgumentError: tolerance must be below 1, not 3; iterations limits their number
+    wormopt.errors.ArgumentError: tolerance must be below 1, not 3; to limit steps, write iterations
     """
 
     tolerance: float = 1e-9
@@ -111,7 +111,8 @@ class Ipopt:
             check_number(name, getattr(self, name), above=0.0)
         if self.tolerance >= 1.0:
             raise ArgumentError(
-                f"tolerance must be below 1, not {self.tolerance:g}; iterations limits their number"
+                f"tolerance must be below 1, not {self.tolerance:g}; "
+                "to limit steps, write iterations"
             )
         object.__setattr__(self, "iterations", whole("iterations", self.iterations, 1))
         if self.seconds is not None:

@@ -324,7 +324,7 @@ def optimise(
     """
     if not isinstance(treatment, Contacts):
         raise ArgumentError(
-            f"contact must be Regularised, Complementarity or FixedModes, not {treatment}"
+            f"treatment must be Regularised, Complementarity or FixedModes, not {treatment}"
         )
     solver = solver or Ipopt()
     begin = time.perf_counter()

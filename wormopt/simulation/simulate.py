@@ -55,7 +55,7 @@ _REFUSALS = {
     "slides_on_condition": (
         "the motion stays on a jump of the right-hand side at t = {t:.6g}: on both sides of a "
         "condition it returns to the condition",
-        "write a Contact for what sticks, a Switch with a state of rest, or a smooth steep law",
+        "write a Contact for what sticks, a Switch with a state of rest, or a steep smooth curve",
     ),
     "no_contact_mode": (
         "no choice of resting and sliding contacts fits the forces at t = {t:.6g}, or several "

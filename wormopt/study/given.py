@@ -588,7 +588,7 @@ def _meant(raw: str, words: Iterable[str]) -> str:
 def _chosen(
     raw: Mapping[str, Any], tables: list[type[Given]], path: str, faults: list[Fault]
 ) -> type[Given] | None:
-    """Select the type of a raw table, by its tag key if there are several."""
+    """Select the type of a raw table, by its tag key if it has one."""
     tag_key = tables[0].__struct_config__.tag_field or ""
     by_tag = {table.__struct_config__.tag: table for table in tables}
     if len(tables) == 1 and not tag_key:

@@ -99,7 +99,7 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file, not a folder; {elsewhere}")
     if folder.is_symlink() and not folder.is_dir():
-        raise OutputError(f"{folder}: cannot be written: its target does not exist; {elsewhere}")
+        raise OutputError(f"{folder}: is a link to a folder that does not exist; {elsewhere}")
     if not folder.is_dir():
         return
     earlier = earlier_result(folder)
@@ -126,7 +126,7 @@ def _refuse_open(folder: Path, earlier: Earlier) -> None:
         try:
             path.replace(path)
         except PermissionError as error:
-            what = "cannot be replaced; close the program that uses it, or choose another with -o"
+            what = "cannot be replaced; close the program using it, or choose a folder with -o"
             raise OutputError(f"{path}: {what}") from error
 
 

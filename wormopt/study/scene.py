@@ -174,7 +174,7 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
-        message = f"cannot be read: {error.strerror}; name a file that can"
+        message = f"cannot be read: {error.strerror}; name a readable file"
     except UnicodeDecodeError as error:
         message = f"is not UTF-8 text (byte {error.start}); save it as UTF-8"
         if path.suffix == ".nc":

@@ -68,7 +68,8 @@ class Study(Given):
     refuses: ClassVar[Mapping[str, str]] = {}
     """Keys that the kind does not take of shared tables: why, and what to write instead.
 
-    By dotted path; the tag of a table comes after its key. Templates and pages leave them out.
+    By dotted path; the tag of a table comes after its key. Templates, pages and schemas leave them
+    out.
     """
     wanted: ClassVar[tuple[str, ...]] = ()
     """Pictures for which the study computes more."""
@@ -161,8 +162,9 @@ class Study(Given):
 
     def wrong(self) -> Iterator[Fault]:
         """Yield faults between keys that are valid individually."""
-        refused = (fault for path in self.refuses for fault in self._refused(path))
-        found = [*refused, *super().wrong()]
+        refused = dict(fault for path in self.refuses for fault in self._refused(path))
+        others = ((key, what) for key, what in super().wrong() if key not in refused)
+        found = [*refused.items(), *others]
         twice = sorted({word for word in self.want if self.want.count(word) > 1})
         yield from found or (("want", f'"{word}" is given twice; write it once') for word in twice)
 

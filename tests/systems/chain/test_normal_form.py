@@ -324,7 +324,7 @@ def test_what_has_no_such_form_is_refused():
         normal_form(worm, output="length", internal="velocity")
     with pytest.raises(ValueError, match="act directly on eta'"):
         normal_form(pendulum_cart(), output="place", internal=["a", "w"])
-    with pytest.raises(ValueError, match="relative degree not two"):
+    with pytest.raises(ValueError, match="the relative degree is not two"):
         normal_form(chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0),
                     output="center_of_mass")  # fmt: skip
     with pytest.raises(KeyError, match="size"):

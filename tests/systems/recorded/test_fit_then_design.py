@@ -54,7 +54,7 @@ test_scenes_that_do_not_fit_together_are_refused = refusals(
     """
     worm.load=[4.0, 5.0] | worm.load | the fit finds one load
     worm.mass=[1, 2, 1] & worm.slope=0.1 & worm.gravity=9.81 | worm.slope | pulls unequal masses
-    gait.sharing="least_actuation" | gait.sharing | "least_actuation"
+    gait.sharing="least_actuation" | gait.sharing | nonlinear
     fit.numbers=[] | fit.numbers | the list is empty
     plant.mass=[1, 1] | plant.mass | 2 entries
     confidence=1.0 | confidence | from 0.5 to below 1

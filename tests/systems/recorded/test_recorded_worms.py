@@ -137,7 +137,7 @@ def test_words_in_a_column_that_is_a_signal_are_refused(tmp_path: Path):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"units": "dimensionless"}, '"ms" is a unit in a scene without'),
+        ({"units": "dimensionless"}, '"ms" is a unit, but the scene has none'),
         ({"recording": []}, r"write a table \[\[recording\]\]"),
         ({"unknown": [{"name": "stiffness", "start": 1, "lower": 2}]}, "start: 1 is below lower"),
         ({"unknown": [{"name": "damping"}] * 2}, r'unknown\[1\].name: "damping" appears twice'),

@@ -87,8 +87,8 @@ class CompareTracking(Rivals, kind="compare-tracking"):
     ten radii of the tube, and its plant counts as lost. The file `table.md` beside the result holds
     all figures; [comparison.md](../comparison.md) discusses them.
 
-    Not allowed: a tracker with another tube radius; `draws.known` above `draws.members`; friction
-    other than one table.
+    Not allowed: a tracker with another tube radius; `draws.known` above `draws.members`; a list
+    of friction tables, or none.
 
     Intervals over the plants are exact and assume no distribution: Clopper-Pearson intervals for
     the share that leaves the tube, order statistics for medians. Plants that are lost, or whose

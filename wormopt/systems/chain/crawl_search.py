@@ -60,7 +60,8 @@ _ARCS_A_PHASE = 1.5
 _MISREAD = 1e-3
 # Relaxation that is small against the error of a grid.
 _TIGHT = Complementarity(1e-5, first=1e-2, ratio=0.03)
-# Forces of waves as shares of the largest; actuators that are stronger than needed try all.
+# Forces of waves as shares of the largest: the first two, and all if actuators are stronger than
+# needed.
 _SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
 # Durations of cycles that are simulated at least and at most, each half the one before.
 _LEAST, _MOST = 7, 16
@@ -111,10 +112,11 @@ class CrawlTask:
 
     @cached_property
     def reach(self) -> float:
-        """Usual amplitude of the lengths of links: half their range, or half their rest length."""
+        """Usual amplitude of the lengths of links, by their range if they have one."""
         usual, ranges = self.plant.x[0].nominal, self.limits.length_ranges(self.worm.links)
-        half = math.inf if ranges is None else max(high - low for low, high in ranges) / 2
-        return min(half, 2 * usual if math.isfinite(half) else usual)
+        if ranges is None:
+            return usual
+        return min(max(high - low for low, high in ranges) / 2, 2 * usual)
 
     def needed(self, rate: float) -> float:
         """Force that moves links of this rate through their reach, against ground and load.
@@ -339,7 +341,7 @@ def _waves(task: CrawlTask) -> list[Wave]:
 
     def tried(duration: float, force: float, phase: np.ndarray) -> float:
         duration = float(np.clip(duration, *task.limits.durations_near(duration, 1.0)))
-        wave = Wave(duration, min(force, most), tuple(phase.tolist()))
+        wave = Wave(duration, force, tuple(phase.tolist()))
         scored.append((_score(task, wave), wave))
         return scored[-1][0]
 

@@ -126,7 +126,7 @@ def _along(plant: Model, limits: CrawlLimits) -> Iterator[Constraint]:
 
 
 def _limit(most: Any, usual: float) -> tuple[Any, float]:
-    """A limit, at most far above the usual size of its expression, and what scales it."""
+    """Return a limit, or `_FAR` usual sizes if it is larger, and the size that scales its rows."""
     return np.minimum(most, _FAR * usual), min(float(np.max(most)), _LARGE * usual)
 
 

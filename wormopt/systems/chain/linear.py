@@ -187,8 +187,8 @@ class Linear(Tracking, kind="linear"):
     `[model]` is a plant of your own in place of the chain, linear but for its contacts. It is
     linearised at its start, and lengths count from those at rest without input.
 
-    Not allowed: links without stiffness; more than 12
-    links; a motion shorter than two periods of the reference.
+    Not allowed: links without stiffness; more than 12 links; a motion shorter than two periods of
+    the reference.
 
     Arrays over `gain` are NaN where no value exists: a gain margin above a factor of 10⁶, or an
     unbounded error.

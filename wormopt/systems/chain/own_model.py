@@ -149,7 +149,7 @@ def _load(own: _Asked) -> Model:
     try:
         code = compile(path.read_bytes(), str(path), "exec")
     except (OSError, ValueError, SyntaxError) as error:
-        raise _refused(own, f"{own.file} cannot be read: {error}; name a file that can") from None
+        raise _refused(own, f"{own.file} cannot be read: {error}; name a readable file") from None
     module = ModuleType(f"wormopt_model_{path.stem}")
     module.__file__ = str(path)
     sys.modules[module.__name__] = module  # where dataclasses and pickle look for it

@@ -69,13 +69,15 @@ class DrawnPlants(Given):
 
 def refused_of_nominal(drawn: str) -> dict[str, str]:
     """Keys that a nominal chain must not have; `drawn`: key of the table of drawn plants."""
-    laws = dict.fromkeys(("stribeck", "viscous", "spike"), 'is not supported; write "coulomb"')
     weight = "is not allowed, since drawn masses would change the weights; write worm.load"
     return {
         "worm.random": f"is not allowed, since [{drawn}] varies the plants; leave the table out",
         "worm.slope": weight,
         "worm.gravity": weight,
-        **{f"worm.friction.{law}": why for law, why in laws.items()},
+        **{
+            f"worm.friction.{law}": f'kind = "{law}" is not supported; write kind = "coulomb"'
+            for law in ("stribeck", "viscous", "spike")
+        },
     }
 
 

@@ -570,8 +570,8 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
                 yield text.format(listed) + "; write a longer time.end"
         if self.best_point.direction != -1:
             yield (
-                "at no frequency does the rod move against the field with certainty: "
-                "frequency_best is not a best frequency of crawling"
+                "the rod does not move against the field with certainty at any frequency, so "
+                "frequency_best is not the best frequency of crawling"
             )
         yield from warnings_of_susceptibility(self.worm.susceptibility)
 

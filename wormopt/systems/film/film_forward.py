@@ -291,7 +291,7 @@ class FilmForward(Study, kind="film-forward"):
         "animation": "wormopt.systems.film.pictures:animation_of_film",
     }
     refuses: ClassVar = {
-        "film.eps": "is 0 in this kind, since lubrication theory neglects it; leave it out"
+        "film.eps": "has no effect, since lubrication theory neglects it; leave it out"
     }
     headline: ClassVar = (
         "outcome", "distance_to_wave", "distance_to_steady", "growth_rate_max", "growth_rate_end",

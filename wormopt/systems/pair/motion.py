@@ -43,8 +43,7 @@ with on_use():
 
 # Largest distance of a converged first-order average from its steady state.
 _CONVERGED = 1e-9
-# The same of one that has come near it, over the swing: the motions from rest do not show the
-# steady state otherwise.
+# Largest distance, over the swing, at which the averaged motion still shows the steady state.
 _NEAR = 0.1
 _ROUNDING = 1e-9  # largest rounding of a velocity, over the amplitude of the stretch
 # A motion whose consecutive mean velocities differ by a larger share has not converged.

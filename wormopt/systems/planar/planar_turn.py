@@ -124,8 +124,8 @@ class TurnInPlace(Given, kw_only=False):
     def swing_hold_max(self) -> float:
         """Largest `swing_hold` of a swing.
 
-        With 0 <= phi <= pi the share falls, and may rise again near pi: it is largest at the ends
-        or, where the swing passes it, at 0.
+        For 0 <= phi <= pi the share falls, and may rise again near pi: it is largest at the ends,
+        or at 0 if the swing passes 0.
         """
         low, high = sorted((self.straight, self.bent))
         return float(self.swing_hold(np.array([low, np.clip(0.0, low, high), high])).max())

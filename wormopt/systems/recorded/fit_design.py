@@ -126,13 +126,19 @@ class FitDesign(DesignTable, BelievedDesign, kind="fit-design"):
     the gait; loads and forces are those at the largest load of the range. Guide:
     [fitting](../fitting.md).
 
-    Refused: recordings without a force; a range of loads in `[worm]`; `gait.sharing` other than
-    `equal`, because loads are then not linear in the parameters; `gait.impulses`.
+    Refused: recordings without a force; a range of loads in `[worm]`.
 
-    Exit code 3: the fit did not converge; a parameter is not identifiable from the recordings; no
-    gait meets the limits; or, with `[plant]`, the gait violates a limit there.
+    Exit code 3: the fit did not converge, or leaves residuals of more than three times the given
+    noise; a parameter is not identifiable from the recordings; no gait meets the limits; or, with
+    `[plant]`, the gait violates a limit there.
     """
 
+    refuses: ClassVar = {
+        "gait.sharing": "makes loads nonlinear in masses, drag and load, so errors cannot be "
+        "propagated; remove it",
+        "gait.impulses": "true, but impulses load spikes without bounds; remove the key",
+        "recording.use": 'runs can be held out in kind "fit" only; remove the key',
+    }
     headline: ClassVar = (
         "speed",
         "speed_if_known",
@@ -174,11 +180,6 @@ class FitDesign(DesignTable, BelievedDesign, kind="fit-design"):
                 "the slope pulls unequal masses back by unequal forces, but the fit finds one "
                 "load for all; write one mass for all, or the load without worm.slope",
             )
-        if self.gait.sharing != "equal":
-            what = "makes loads nonlinear in masses, drag and load, so errors cannot be propagated"
-            yield "gait.sharing", f'"{self.gait.sharing}" {what}; write "equal"'
-        if self.gait.impulses:
-            yield "gait.impulses", "true, but impulses load spikes without bounds; remove the key"
         if not self.fit.numbers:
             yield "fit.numbers", 'the list is empty; write for example ["load"]'
         if not self.recording:
@@ -187,9 +188,6 @@ class FitDesign(DesignTable, BelievedDesign, kind="fit-design"):
             for key, what in recording.faults_in(self.folder, self.units, self.variables):
                 yield f"recording[{k}].{key}", what
             yield from recording.gait.faults(self.worm.links, self.folder, f"recording[{k}].gait")
-            if recording.use != "fit":
-                what = 'runs can be held out in kind "fit" only; remove the key'
-                yield f"recording[{k}].use", what
         yield from self._faults_of_forces()
         yield from named_twice((one.label for one in self.recording), "recording")
 

@@ -102,11 +102,11 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
     With `[plant]`, the gait is tested on the real worm. The trust report lists the assumptions.
 
     Refused: other friction than `coulomb` without stiction, or none; drag that differs between
-    masses; parameters fitted for each run; `gait.spike_load`, because friction holds the masses;
-    `gait.sharing` other than `equal`; `gait.impulses`; costs that depend on the parameters.
+    masses; parameters fitted for each run; costs that depend on the parameters.
 
-    Exit code 3: the fit did not converge; a parameter is not identifiable from the recordings; no
-    gait meets the limits; or, with `[plant]`, the gait violates a limit there.
+    Exit code 3: the fit did not converge, or leaves residuals of more than three times the given
+    noise; a parameter is not identifiable from the recordings; no gait meets the limits; or, with
+    `[plant]`, the gait violates a limit there.
     """
 
     refuses: ClassVar = {

@@ -55,7 +55,7 @@ def read_columns(path: Path, time: str) -> Columns:
     try:
         found = _read(path, time, wrong)
     except OSError as error:
-        raise _unusable(path, f" cannot be read: {error.strerror}; name a file that can") from None
+        raise _unusable(path, f" cannot be read: {error.strerror}; name a readable file") from None
     if found is None or wrong:
         more = len(wrong) - _REPORTED
         rest = [f": and {more} more such faults"] if more > 0 else []
@@ -291,7 +291,7 @@ def _faults_of_unit(key: str, unit: str, units: str, quantity: str) -> Iterator[
     if not unit or unit == "1":
         return
     if units != "SI":
-        yield key, f'"{unit}" is a unit in a scene without; write units = "SI", or remove it'
+        yield key, f'"{unit}" is a unit, but the scene has none; write units = "SI", or remove it'
         return
     try:
         _, dimension = scale(unit)

@@ -172,7 +172,8 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
     """Contact modes of each phase (0 at rest, ±1 sliding), and the times of the phase boundaries.
 
     Prescribed modes are kept, others are read from the motion; phases without duration are left
-    out, and those that are alike beside one left out become one. There is one time more.
+    out, and those that are alike beside one left out become one. There is one more time than
+    phases.
     """
     motion, treatment = optimum.motion, optimum.treatment
     if isinstance(treatment, FixedModes):

@@ -282,7 +282,7 @@ class PlanarAim:
         held = self.ground.anchor(self.shape)
         if held is not None and isinstance(self.ground, Viscous):
             raise ArgumentError(
-                "drag that is alike along and across holds the centre of drag in its place, so a "
+                "drag that is equal along and across holds the centre of drag in its place, so a "
                 "closed gait without turn has no displacement; write more drag across"
             )
         if held is not None:
