@@ -111,7 +111,7 @@ def test_a_loop_with_delays_has_no_controller_by_itself():
     [
         ({"measured": 3}, "measured must be a name or a list of names"),
         ({"input": ["input"]}, "input must be of type"),
-        ({"p": "mass"}, "write parameters by name"),
+        ({"p": "mass"}, "write each parameter by name"),
         ({"p": {"size": 1.0}}, "size"),
         ({"v_reg": None}, "v_reg must be finite and above 0"),
         ({"plant": None}, "plant must be of type Model, not None"),

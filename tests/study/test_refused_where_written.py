@@ -106,7 +106,9 @@ def test_a_constant_of_design_is_a_parameter_that_has_no_value_of_its_own():
 
 def test_symbols_and_what_holds_them_are_replaced_together():
     ode, mass = ca.vertcat(v, u / s), Signal("mass", s, value=2.0)
-    with pytest.raises(ArgumentError, match=r"to none of its parts: s; .*replace both together"):
+    with pytest.raises(
+        ArgumentError, match=r"to none of its parts: s; .*replace them and the expressions together"
+    ):
         replace(CART, ode=ode)
     assert replace(CART, ode=ode, p=[mass]).p == [mass]
 
