@@ -535,7 +535,7 @@ def test_random_robots_crawl_no_slower_than_by_another_program(seed: int):
     assert np.abs(rate).max() <= limits.get("rate", np.inf) * (1 + 1e-3)
     # power is limited at the points of arcs; a warning says what it is between them
     if (u * rate).max() > limits.get("actuator_power", np.inf) * (1 + 1e-3):
-        assert any("actuator_power is exceeded" in text for text in result.warnings)
+        assert any("actuator_power is exceeded" in text for text in result.trust["warnings"])
     ours = value(result, "speed_simulated") - effort * value(result, "input_rms") ** 2
     rivals = [one for one in crawls(tables, 4, seed) if one.merit > ours]
     for found in [*rivals, *waves(tables, seed)]:
