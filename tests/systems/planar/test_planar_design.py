@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -264,7 +265,10 @@ def test_a_single_link_reaches_a_pose_at_its_least_work(corners: int, cycles: in
 
 def test_gaits_that_cannot_exist_are_refused():
     link = chain_shape(1), Elliptic(1.0, 3.0, 3.0), PlanarLimits()
-    for more in ({"purpose": "turn"}, {"purpose": "work", "pose": (0.4, 0.1, 0.0)}):
+    refused: list[dict[str, Any]] = [
+        {"purpose": "turn"}, {"purpose": "work", "pose": (0.4, 0.1, 0.0)},
+    ]  # fmt: skip
+    for more in refused:
         with pytest.raises(ArgumentError, match="single link"):
             PlanarAim(*link, **more)
     alike, stretching = Swimmer(THREE, rods=(1.0, 1.0)), Swimmer(TWO, rods=(1.0, 1.0))

@@ -4,6 +4,7 @@ import re
 from functools import cache
 from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -225,7 +226,10 @@ def test_exported_lengths_are_multiples_of_a_step(tmp_path: Path):
     gait = gait_of_result(result)
     assert np.abs(rows[:, 1] - gait(rows[:, 0])[0]).max() <= 0.05 / 2 + 1e-12
     assert rows[0, 1] == rows[-1, 1]
-    for name, kind, columns in (("b.csv", "csv", ["length"]), ("c.yaml", "ros", [])):
+    files: list[tuple[str, Any, list[str]]] = [
+        ("b.csv", "csv", ["length"]), ("c.yaml", "ros", []),
+    ]  # fmt: skip
+    for name, kind, columns in files:
         (file,) = wo.export(result, kind, tmp_path / name, step=0.03, columns=columns)
         found = re.findall(r"(?:^[\d.]+,|positions: \[)([\d.]+)", file.read_text("utf-8"), re.M)
         assert [float(one) for one in found] == rows[:, 1].tolist()
