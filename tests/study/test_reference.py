@@ -151,6 +151,13 @@ def test_what_a_kind_refuses_is_offered_nowhere(scene: str, path: str, value: An
     assert f"#{last} = " not in template(kind, "schema.json")
 
 
+def test_nothing_of_what_a_kind_refuses_is_accepted():
+    film = load_scene("fig27_float", "film.tension=0").table.film
+    assert not film.tension
+    with pytest.raises(SceneError, match="no effect on floats"):
+        load_scene("fig27_float", "film.tension=0.1")
+
+
 def test_the_command_prints_the_schema(capsys: Capture):
     assert main(["schema", "film-flow"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(schema("film-flow")))

@@ -651,7 +651,8 @@ def _given_at(value: Any, names: Sequence[str], key: str) -> Iterator[str]:
             yield from _given_at(value, rest, key)
         for each in structs.fields(value):
             below = getattr(value, each.name)
-            if each.name == first and below != default_of(each):
+            # 0 and false say that there is none
+            if each.name == first and below and below != default_of(each):
                 yield from _given_at(below, rest, f"{key}.{first}" if key else first)
 
 
