@@ -165,6 +165,7 @@ def orders(errors: Sequence[float], sizes: Sequence[float]) -> np.ndarray:
     return np.diff(np.log(errors)) / np.diff(np.log(sizes))
 
 
+@pytest.mark.slow
 def test_errors_of_the_pushed_block_have_the_orders_promised():
     # periodic motion of the block itself: reversals by root search, nothing integrated numerically
     sizes, errors = (0.08, 0.04, 0.02, 0.01), {1: [], 2: []}

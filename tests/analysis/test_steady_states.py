@@ -221,6 +221,7 @@ def test_the_resonance_of_a_linear_swing_is_the_known_one():
     assert branch.folds == ()
 
 
+@pytest.mark.slow
 def test_friction_that_falls_with_velocity_folds_the_resonance():
     """The slope of the branch vanishes at the fold, where an eigenvalue is 0."""
     eps = 0.02

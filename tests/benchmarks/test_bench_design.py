@@ -173,6 +173,7 @@ def searched(case: Case, speed: float, phases: tuple[int, ...]) -> list[Found]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("case", "optimum"), KNOWN)
 def test_the_mixed_integer_program_gives_gaits(case: Case, optimum: float):
     found: list[Motion] = []
@@ -196,6 +197,7 @@ def test_the_mixed_integer_program_tells_better_and_better_gaits():
     assert course[-1][1] <= 0.425 + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("case", "optimum"), KNOWN)
 def test_many_starts_give_gaits(case: Case, optimum: float):
     best = searched(case, 0.98 * optimum, (2, 3))[-1]
@@ -212,6 +214,7 @@ def test_the_best_of_many_starts_is_the_last_that_was_told():
     assert best.speed <= 0.425 + 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "gait", [{"spike_load": 27.0}, {"resting": 2}, {"period": [0.8, 1.2], "acceleration": 15.0}]
 )

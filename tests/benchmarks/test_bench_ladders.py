@@ -107,6 +107,7 @@ def test_our_answers_come_to_the_known_one(name: str, coarse: float, fine: float
     assert last < first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "most"),
     [("steady", 1e-9), ("sensitivities", 2e-6), ("coils", 1e-9), ("elastica", 1e-6)],

@@ -100,6 +100,7 @@ def test_random_worms_with_drag_against_all_stretches_at_once(
     assert pytest.approx(ends, abs=1e-8) == motion.states.T
 
 
+@pytest.mark.slow
 def test_a_difference_tends_to_the_derivative_as_the_lag_falls():
     """First order in the lag: halved it halves the distance."""
     plant = worm(position=(4.0, 2.0, 0.0))

@@ -214,8 +214,15 @@ HARDWARE: dict[str, dict[str, float]] = {
 }
 
 
-@pytest.mark.parametrize("name", HARDWARE)
-@pytest.mark.parametrize("controller", ["lqr", "tracker"])
+# fast tests have each part of the hardware once
+EACH = [
+    pytest.param(controller, name, marks=[pytest.mark.slow] * ((k + j) % 2))
+    for k, controller in enumerate(("lqr", "tracker"))
+    for j, name in enumerate(HARDWARE)
+]
+
+
+@pytest.mark.parametrize(("controller", "name"), EACH)
 def test_a_sampled_loop_is_that_of_steps_from_sample_to_sample(controller: str, name: str):
     wanted: dict[str, Any] = dict(HARDWARE[name])
     bound = wanted.pop("bound", np.inf)

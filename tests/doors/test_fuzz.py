@@ -173,6 +173,7 @@ def allocated() -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.many
 @pytest.mark.skipif(not STATUS.exists(), reason="Linux reports memory there")
 def test_a_thousand_runs_in_one_process_keep_their_memory():
     """The first 400 fill caches; of the other 600 each leaves less than 6 kB behind."""

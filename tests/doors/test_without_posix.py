@@ -50,10 +50,10 @@ def test_a_gait_is_designed_and_drawn(tmp_path: Path):
 def test_a_sweep_by_two_processes_is_gone_on_with_and_replaced(tmp_path: Path):
     sweep = "-m wormopt sweep fast_gait --no-plots".split()
     python(tmp_path, *sweep, "--over", "gait.period=[1,2]", "--workers", "2")
-    python(tmp_path, *sweep, "--over", "gait.period=[1,2,3,4]", "--engine", "serial")
+    python(tmp_path, *sweep, "--over", "gait.period=[1,2,3]", "--engine", "serial")
     found = wo.Result.load(tmp_path / "results" / "fast_gait-sweep")
-    assert found["speed"].values.tolist() == pytest.approx([1.2, 0.6, 0.4, 0.3], rel=1e-9)
-    assert found.scalars["computed_now"].value == 2
+    assert found["speed"].values.tolist() == pytest.approx([1.2, 0.6, 0.4], rel=1e-9)
+    assert found.scalars["computed_now"].value == 1
 
 
 SLIDE = """

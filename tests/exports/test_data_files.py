@@ -33,6 +33,7 @@ def test_parquet_holds_the_signals_with_their_units(walk: Result, tmp_path: Path
         assert np.abs(np.array(found[f"length_{j}"]) - expected).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_parquet_of_a_sweep_has_a_row_for_each_point(tmp_path: Path):
     parquet = pytest.importorskip("pyarrow.parquet")
     result = Result.load(make_sweep(tmp_path))

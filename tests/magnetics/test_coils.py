@@ -33,6 +33,7 @@ ROWS = {
 # A height of the line that is off the windings of each of them.
 HEIGHTS = {"across": 6e-3, "facing": 0.5e-3, "along": 1e-3, "vertical": -12e-3}
 HEIGHTS |= {"between": 1e-3, "in turn": 1e-3}
+QUICK = ("facing", "vertical")
 CURRENTS = np.array([3000.0, -1000.0, 500.0])
 
 
@@ -191,6 +192,7 @@ def magpylib_row(row: CoilRow, currents: np.ndarray) -> Any:
     return magpylib.Collection(*loops)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["facing", "along", "vertical"])
 def test_a_row_is_that_of_magpylib(name: str):
     row = ROWS[name]
@@ -201,7 +203,9 @@ def test_a_row_is_that_of_magpylib(name: str):
     assert off(row.field(x, z, CURRENTS, y).T, reference) < 1e-10
 
 
-@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=[pytest.mark.slow] * (one not in QUICK)) for one in ROWS]
+)
 def test_maxwells_equations_hold_in_air(name: str):
     row, place = ROWS[name], ca.SX.sym("place", 3)
     H = row.expression(place, CURRENTS, 10)
@@ -241,6 +245,7 @@ def quadrature_error(row: CoilRow, x: np.ndarray, height: float, currents: np.nd
     return float(np.abs(second - formula).max() / np.abs(second).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROWS)
 def test_quadrature_of_biot_and_savart_finds_the_same(name: str):
     row, x = ROWS[name], np.array([7e-3, 23e-3])

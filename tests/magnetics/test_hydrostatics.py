@@ -418,6 +418,7 @@ def test_a_coil_above_draws_the_fluid_up_until_there_is_no_rest():
     assert not surface_by_shooting(profile, 1.02 * fold / 4000, guess).success
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [1236.7, 1239.99, 0.08765, 54321.0, 1.2367e6])
 def test_the_current_that_is_advised_is_one_at_which_the_surface_rests(
     monkeypatch: pytest.MonkeyPatch, limit: float
@@ -485,6 +486,7 @@ def test_whatever_the_layer_it_rests_or_says_why(
 # -- scenes ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_scene_of_figure_25():
     result = wo.run(SCENE)
     assert result.status == "ok"

@@ -199,6 +199,7 @@ test_wrong_scenes_are_told = refusals(
 )
 
 
+@pytest.mark.slow
 def test_the_picture(tmp_path: Path):
     result = wo.run(SCENE)
     labels = [text.get_text() for text in figure(result, "membrane").legends[0].get_texts()]

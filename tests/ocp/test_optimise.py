@@ -67,7 +67,9 @@ def difference(*given: Any) -> float:
 # -- exact answers -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("arcs", [15, 20, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "arcs", [15, pytest.param(20, marks=pytest.mark.slow), pytest.param(40, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("treatment", [RELAXED, Regularised(0.03, 0.3)])
 @pytest.mark.parametrize(
     ("start", "end", "guess", "exact", "modes"),

@@ -13,8 +13,7 @@ from wormopt.pictures import figure
 
 # What fast tests draw: the pictures with the most texts and panels.
 CROWDED = {
-    "bands", "coil_design", "coil_pressure", "course", "estimates", "film", "floats", "gait",
-    "limits", "loads", "planar_gait", "recordings", "reversals", "shift", "switching", "trackers",
+    "bands", "film", "gait", "limits", "planar_gait", "shift", "trackers",
 }  # fmt: skip
 
 

@@ -51,6 +51,11 @@ def entries(drawn: Figure) -> list[str]:
 # One of each way to draw: lines, bars, colours, shades, outlines. All others are drawn, though not
 # written, where their texts are looked at.
 WRITTEN = {"gait", "limits", "certificate", "bands", "basins", "segment_shapes", "motion"}
+# Those that take longest to draw.
+FULL = {
+    "block", "bode", "cargo", "coil_pressure", "comparison", "draws", "forward", "margins", "ride",
+    "rod_frequency", "steps",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -123,7 +128,10 @@ def test_pictures_for_every_number_of_links(links: int):
         assert drawn.axes
 
 
-@pytest.mark.parametrize("picture", PICTURES)
+@pytest.mark.parametrize(
+    "picture",
+    [pytest.param(p, marks=pytest.mark.slow if p in FULL else ()) for p in PICTURES],
+)
 def test_axes_carry_symbols_and_units(picture: str):
     # those of readings stand side by side only on a page
     drawn = figure(sample(picture), picture) if picture == "readings" else standard(picture)
@@ -271,6 +279,7 @@ def test_units_are_raised():
     assert rates.get_ylabel() == "rate $\\dot l_j$ (m\xa0s$^{-1}$)"
 
 
+@pytest.mark.slow
 def test_limits_are_thin_dashed_lines():
     result = sample("limits")
     drawn = figure(result, "gait")
@@ -302,6 +311,7 @@ def thin(axes: Axes) -> list[Line2D]:
     return [line for line in axes.get_lines() if len(np.ravel(line.get_xdata())) == 2]
 
 
+@pytest.mark.slow
 def test_curves_that_cover_each_other_are_told_apart_in_grey():
     """Every link of a gait has its own pair of colour and dashes, up to eight."""
     for links in (2, 8):
@@ -324,7 +334,7 @@ def test_motion_shows_two_periods_and_the_masses_at_rest():
 
 
 @pytest.mark.parametrize(
-    "links", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8, 9, 30))]
+    "links", [pytest.param(n, marks=pytest.mark.slow) for n in (1, 2, 8, 9, 30)]
 )
 def test_pictures_of_chains_for_every_number_of_links(links: int):
     for picture in ("trackers", "motion"):
@@ -376,6 +386,7 @@ def test_bands_hold_the_median():
     assert medians[0] == pytest.approx(result["length_band"].values[0, 2, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contacts", [1, 3, 12])
 def test_signals_show_rests_as_shades_or_as_a_band(contacts: int):
     if contacts == 1:

@@ -77,7 +77,8 @@ def written(picture: str, form: str) -> bytes:
 @pytest.mark.parametrize(
     ("picture", "form"),
     [
-        *(("motion", form) for form in FORMATS),
+        ("motion", "png"),
+        *(pytest.param("motion", form, marks=pytest.mark.slow) for form in ("pdf", "svg")),
         *(pytest.param("gait", form, marks=pytest.mark.slow) for form in FORMATS),
         pytest.param("coil_pressure", "png", marks=pytest.mark.slow),
         pytest.param("basins", "svg", marks=pytest.mark.slow),
@@ -120,6 +121,7 @@ def drawn_at(root: ElementTree.Element, frame: str) -> list[dict[str, str]]:
             if one.tag.rpartition("}")[2] in named and "id" not in one.attrib]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_picture_that_moves_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Every frame is as `show` draws it, and is shown for its share of the time."""
     short = dataclasses.replace(worms.animation, frames=6)  # of 120

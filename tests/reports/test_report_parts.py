@@ -228,6 +228,7 @@ def test_an_unfinished_motion_is_shown_as_far_as_it_came():
     assert shown.time[-1] == 3
 
 
+@pytest.mark.slow
 def test_a_sweep_is_a_map_of_its_points(sweep: Path, tmp_path: Path):
     page = page_of(sweep, tmp_path)
     told = Whole(page).text
@@ -329,6 +330,7 @@ def test_a_large_sweep_stays_within_a_mail(tmp_path: Path):
     Whole(page)
 
 
+@pytest.mark.slow
 def test_points_are_read_from_the_folder_of_the_sweep_only(sweep: Path, tmp_path: Path):
     result = Result.load(sweep)
     files = result.attributes["files"]

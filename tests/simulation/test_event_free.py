@@ -184,9 +184,14 @@ def test_what_steps_without_events_do_not_know_is_refused():
     ("scene", "shorter"),
     [
         ("stiction", ["time.end=10"]),
-        ("three_masses_harmonic", ["time.periods=10"]),
-        ("fig13_magnetic_pair", ["time.end=10", "averaging.nodes=8"]),
         ("spiked_chain", ["time.end=2"]),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (
+                ("three_masses_harmonic", ["time.periods=10"]),
+                ("fig13_magnetic_pair", ["time.end=10", "averaging.nodes=8"]),
+            )
+        ),
     ],
 )
 def test_scenes_take_the_route_that_shares_the_model_only(scene: str, shorter: list[str]):

@@ -49,6 +49,7 @@ def test_the_matrix_is_the_same_every_time():
     assert np.array_equal(jumping_gait(2, 3).breaks, jumping_gait(2, 3).breaks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
@@ -305,6 +306,7 @@ CHEAP = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("group", "name"), CHEAP)
 def test_other_routes_agree(group: str, name: str):
     verdict = case_named(group, name).judge()

@@ -25,6 +25,7 @@ from tests.stress.means import refused
 from wormopt.errors import ArgumentError
 
 GROUPS = ("films", "bodies", "fields", "segments", "swimmers")
+HEAVY = ("films", "fields")
 LONG = {
     "vibrations of rods",
     "damping of rods",
@@ -34,7 +35,9 @@ LONG = {
 }
 
 
-@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize(
+    "group", [pytest.param(one, marks=[pytest.mark.slow] * (one in HEAVY)) for one in GROUPS]
+)
 def test_some_cases_of_each_kind_are_right(group: str):
     first = {case.group: case for case in reversed(matrix.cases(group, quick=True))}
     for case in first.values():

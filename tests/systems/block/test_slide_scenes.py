@@ -62,6 +62,7 @@ def test_slides_are_exact_and_their_phases_found(name: str, exact: float, modes:
     assert trust["warnings"] == []
 
 
+@pytest.mark.slow
 def test_the_smooth_slide_is_that_of_the_smooth_law():
     result = solved("slide", SMOOTH)
     assert value(result, "time") == pytest.approx(1.2221708186, abs=1e-9)
@@ -71,6 +72,7 @@ def test_the_smooth_slide_is_that_of_the_smooth_law():
     assert any("adds energy" in warning for warning in result.trust["warnings"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("longest", "duration"), [(2.0, 2.0), (3.0, math.sqrt(6))])
 def test_the_least_effort_has_a_straight_drive(longest: float, duration: float):
     # from rest to rest while it slides: u = 1 + 6/T^2 (1 - 2 t/T), effort T + 12/T^3, which is

@@ -83,12 +83,14 @@ def by_steps() -> np.ndarray:
     return np.abs(place - 0.3 * np.sin(np.pi * np.linspace(0.0, 1.0, 101)))
 
 
+@pytest.mark.slow
 def test_a_sampled_loop_in_a_comparison_is_that_of_steps(found: wo.Result):
     at = 5 * np.arange(101)
     np.testing.assert_allclose(found["time"].values[at], np.linspace(0.0, 1.0, 101), atol=1e-12)
     np.testing.assert_allclose(found["error_norm"].values[0, 0, at], by_steps(), atol=1e-8)
 
 
+@pytest.mark.slow
 def test_seven_rivals_have_numbers_intervals_a_table_and_pictures(found: wo.Result):
     names = found.attributes["rivals"]
     assert names == ["(13)", "(14)", "backstepping", "funnel", "two gains", "LQR", "push"]
@@ -507,6 +509,7 @@ seeds = 1
     assert result["m"].value == pytest.approx(mass, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_parameters_of_an_own_plant_are_swept(tmp_path: Path):
     with_mass = OWN.replace("def cart()", "def cart(mass=MASS)").replace("value=MASS", "value=mass")
     own = scene(tmp_path, TRACK, "time.end=0.2", "tolerance.recheck=false", own=with_mass)

@@ -134,6 +134,7 @@ def test_the_objective_is_found_again_by_simulation(in_the_tube: Result):
     assert in_the_tube.trust["recheck"]["error"] < 1e-7
 
 
+@pytest.mark.slow
 def test_least_error_is_found_again_and_beats_lqr():
     change = ["time.end=1.5", "tube.capture=1.0", 'objective={minimise="error",input_weight=1e-3}']
     result = wo.run(load_scene("track_optimal", change))

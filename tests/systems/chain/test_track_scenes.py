@@ -133,6 +133,7 @@ def test_keeping_spikes_no_mass_slides_back():
     assert value(slipping, "distance") < 1.1 < 16 < value(kept, "distance")
 
 
+@pytest.mark.slow
 def test_the_gain_settles_and_the_error_comes_to_the_edge_of_the_tube():
     result = wo.run(load_scene("track_meaningful_start", ["tolerance.recheck=false"]))
     late = result["time"].values > 9
@@ -247,6 +248,7 @@ FUNNELS = (
 )
 
 
+@pytest.mark.slow
 def test_trackers_of_all_kinds_side_by_side(tmp_path: Path):
     result = wo.run(load_scene(write(tmp_path, TRACK), [FUNNELS]))
     assert result.status == "ok", result.reason
@@ -346,7 +348,7 @@ def test_a_harmonic_change_of_rest_length_drives_as_a_sine_gait_does(tmp_path: P
         '[{kind="spike"}, {kind="coulomb", forward=1, backward=9}, {kind="viscous", drag=1}]',
     ],
 )
-@pytest.mark.parametrize("treatment", ["exact", "smooth"])
+@pytest.mark.parametrize("treatment", ["exact", pytest.param("smooth", marks=pytest.mark.slow)])
 def test_all_laws_of_friction(tmp_path: Path, friction: str, treatment: str):
     change = [
         f"worm.friction={friction}",

@@ -263,6 +263,7 @@ def test_the_shape_does_not_depend_on_the_mesh():
     assert distances(segment(24), segment(48))[0] < 4e-5
 
 
+@pytest.mark.slow
 def test_mirrored_fields_bend_mirrored_rods():
     rod, loaded = attracted(24)
     n, given = rod.count, numbers(rod)

@@ -134,6 +134,7 @@ def test_a_sweep_over_the_field():
     assert result["sweep_distance"].values.shape == (3, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -185,6 +186,7 @@ test_wrong_keys_are_told = refusals(
 )
 
 
+@pytest.mark.slow
 def test_a_body_that_does_not_reach_over_the_coils(tmp_path: Path, capsys: Any):
     changes = ["rod.elements=20", "worm.length=12e-3", "rod.ampere_turns=500"]
     sets = [word for change in changes for word in ("--set", change)]
@@ -220,6 +222,7 @@ def test_what_is_not_to_be_trusted_says_so(monkeypatch: pytest.MonkeyPatch):
     assert made_up in result.checks
 
 
+@pytest.mark.slow
 def test_the_rod_is_drawn_with_its_forces():
     result = quick()
     drawn = figure(result, "segment_shapes")

@@ -225,6 +225,7 @@ def test_a_stiff_float_goes_as_it_does_in_its_own_frame() -> None:
     assert off[2] < 3e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [1e-6, 3e-4])
 def test_the_stiffness_of_its_ends_is_felt_at_second_order(stiffness: float) -> None:
     """A stiff float pushes what its bent film bears, wherever between the cells it is."""

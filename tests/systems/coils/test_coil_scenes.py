@@ -307,6 +307,7 @@ def test_coils_inside_the_fluid_are_those_that_the_line_meets(
         load_scene(ROW, changes)
 
 
+@pytest.mark.slow
 def test_the_command_line_and_its_pictures(row: Result, inverse: Result, tmp_path: Path):
     out = tmp_path / "out"
     changes = ["--set", "coils.count=8", "--set", "line.margin=1"]

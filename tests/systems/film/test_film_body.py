@@ -152,6 +152,7 @@ def test_between_the_two_it_creeps_against_the_wave() -> None:
     assert back["velocity"].max() == 0
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(24))
 @given(
     delta=st.floats(0.05, 0.7),

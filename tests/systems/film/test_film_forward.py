@@ -44,6 +44,7 @@ def packaged() -> Result:
     return wo.run(load_scene("film_forward", ["time.periods=20"]))
 
 
+@pytest.mark.slow
 def test_the_packaged_film_takes_the_wave():
     result = packaged()
     assert result.status == "ok"

@@ -94,6 +94,7 @@ def test_with_the_field_of_the_cosine_another_wave_carries_a_third_more(best: Re
     assert not value(best, "captured")
 
 
+@pytest.mark.slow
 def test_the_shape_alone_says_the_same_as_the_optimiser(best: Result):
     assert value(best, "recheck_error") < 1e-9
     assert value(best, "defect_max") < 2e-9
@@ -106,6 +107,7 @@ def test_the_shape_alone_says_the_same_as_the_optimiser(best: Result):
     assert np.mean(h) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_field_jumps_between_its_limits_and_is_straight_where_the_film_rests(best: Result):
     xi, h, field = (best[name].values for name in ("xi", "height", "field_pressure"))
     C = value(best, "c_constant")

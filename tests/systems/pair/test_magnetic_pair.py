@@ -223,6 +223,7 @@ periods = 4
 """
 
 
+@pytest.mark.slow
 def test_weaker_friction_backward_moves_the_pair_backward(tmp_path: Path):
     friction = 'pair.friction={kind="coulomb", forward=1.0, backward=0.5}'
     result = run_text(tmp_path, PAIR, friction, UNCHECKED)
@@ -234,6 +235,7 @@ def test_weaker_friction_backward_moves_the_pair_backward(tmp_path: Path):
     assert any("backward" in warning for warning in result.trust["warnings"])
 
 
+@pytest.mark.slow
 def test_a_pair_with_friction_alike_both_ways_moves_neither_way(tmp_path: Path):
     """Its velocity is 0 but for rounding, which has a sign."""
     friction = 'pair.friction={kind="coulomb", forward=0.5, backward=0.5}'
@@ -251,7 +253,9 @@ def test_a_motion_that_settles_slowly_is_followed_longer(tmp_path: Path):
     assert value(result, "velocity_exact_mean") == pytest.approx(closed.velocity, rel=1e-2)
 
 
-@pytest.mark.parametrize(("end", "status"), [(100.0, "unchecked"), (900.0, "ok")])
+@pytest.mark.parametrize(
+    ("end", "status"), [(100.0, "unchecked"), pytest.param(900.0, "ok", marks=pytest.mark.slow)]
+)
 def test_a_steady_state_that_no_motion_comes_near_is_unchecked(
     tmp_path: Path, end: float, status: str
 ):

@@ -72,6 +72,7 @@ def cheap() -> Result:
     return solved(WORK)
 
 
+@pytest.mark.slow
 def test_the_field_that_jumps_is_fastest_and_exact_simulation_keeps_its_speed(best: Result):
     assert best.status == "unchecked"  # the law of the link is for small strains
     assert "the link changes its length by 139 %" in best.reason
@@ -88,6 +89,7 @@ def test_the_field_that_jumps_is_fastest_and_exact_simulation_keeps_its_speed(be
     assert names == ["simulation of the inputs found", "speed by simulation"]
 
 
+@pytest.mark.slow
 def test_it_beats_the_harmonic_field_on_its_periodic_orbit(best: Result):
     # mean V of (16) on its periodic orbit, by independent code
     assert value(best, "speed_harmonic") == pytest.approx(0.275727, abs=1e-6)

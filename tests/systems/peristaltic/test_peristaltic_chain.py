@@ -203,6 +203,7 @@ def test_steps_of_the_second_route_are_stable_where_drag_or_damping_is_fast(
     assert found.fine < 0.5 * found.coarse < 1e-3
 
 
+@pytest.mark.slow
 def test_a_worm_that_rests_agrees_with_the_second_route():
     model, motion = follow(body(2), DryGround(1e3, 1e3), wave(2), "clamp")
     assert np.ptp(motion["position"], axis=1).max() == 0
@@ -249,6 +250,7 @@ def test_drag_that_does_not_depend_on_length_moves_nothing_whatever_the_gait(seg
     assert identically_zero(masses, symbols).all()
 
 
+@pytest.mark.slow
 @given(st.lists(st.lists(st.floats(0.0, 1.5), min_size=3, max_size=3), min_size=4, max_size=4))
 @settings(max_examples=examples(10))
 def test_nor_does_any_course_of_fields(shares: list[list[float]]):
@@ -332,6 +334,7 @@ def test_a_course_that_varies_is_held_at_its_middles():
 SHORT = ["want=[]", "time.cycles=2", "time.settle=1"]
 
 
+@pytest.mark.slow
 def test_the_scene_in_a_tube_moves_against_its_wave():
     result = wo.run(load_scene("peristaltic_tube", SHORT))
     found = {name: scalar.value for name, scalar in result.scalars.items()}

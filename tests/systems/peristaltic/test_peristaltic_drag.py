@@ -226,6 +226,7 @@ def solved(*changes: str) -> Result:
     return wo.run(load_scene("peristaltic_drag", ["want=[]", *changes]))
 
 
+@pytest.mark.slow
 def test_hardly_any_drag_of_length_fails_and_says_what_to_write():
     found = solved("drag.exponent=-1e-4", "worm.segments=2")
     assert found.status == "failed"

@@ -202,6 +202,7 @@ MOVES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", MOVES)
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_motions_move_with_their_start(law: Any, how: str) -> None:

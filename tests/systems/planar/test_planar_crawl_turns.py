@@ -139,7 +139,9 @@ def _drawn(seed: int) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tens", range(20))
+@pytest.mark.parametrize(
+    "tens", [pytest.param(k, marks=[pytest.mark.many] * (k > 1)) for k in range(20)]
+)
 def test_no_right_crawl_is_refused(tens: int):
     for seed in range(10 * tens, 10 * tens + 10):
         try:

@@ -252,6 +252,7 @@ def test_a_pose_out_of_reach_is_refused():
         design_stroke(swimmer_aim(purpose="work", pose=(5.0, 0.0, 0.0)), starts=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("corners", "cycles"), [(3, 1), (4, 2)])
 def test_a_single_link_reaches_a_pose_at_its_least_work(corners: int, cycles: int):
     # it grows with its tail at rest and shrinks with its head at rest: each mass slides 0.4 forward

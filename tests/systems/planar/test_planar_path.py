@@ -334,6 +334,7 @@ def test_a_path_of_crawls_and_held_steps_ends_in_its_pose_when_simulated():
 # -- polish and the whole --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_polish_ends_in_the_goal_and_costs_least_of_what_is_near():
     fits = [Fitted(f, "work") for f in ALL.families]
     route = [fits[0], fits[3], fits[0], fits[1], fits[0]]
@@ -430,6 +431,7 @@ def test_obstacles_that_are_none_are_refused(obstacle: object, message: str):
 QUICK = ["want=[]", "obstacles=[]", "route.goal=[1.5, 0.4, 0.6]"]
 
 
+@pytest.mark.slow
 def test_scene_of_a_short_path_agrees_with_its_simulation_and_a_weak_pin_fails_it():
     result = wo.run(load_scene("planar_path", [*QUICK, "pin_load=1.0"]))
     assert result.status == "failed"

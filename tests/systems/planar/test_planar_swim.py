@@ -299,6 +299,7 @@ def test_a_loop_that_is_repeated_is_found_in_its_repetition(seed: int, times: in
     assert loop.at(tau)[0] == pytest.approx(Harmonics(mean, cosine, sine).at(tau)[0], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_harmonics_are_added_until_they_change_nothing() -> None:
     few = spectral_stroke(PURCELL, CIRCLE, 3.0, orders=4)
     assert few.change < 1e-9
@@ -330,7 +331,9 @@ def test_the_second_route_is_as_exact_as_what_it_checks() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "seed", [pytest.param(k, marks=[pytest.mark.many] * (k > 3)) for k in range(20)]
+)
 def test_drawn_grounds_have_accepted_single_loops(seed: int) -> None:
     rng = np.random.default_rng(1000 + seed)
     across = float(np.exp(rng.uniform(np.log(1.2), np.log(20.0))))

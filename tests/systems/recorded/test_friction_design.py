@@ -39,6 +39,7 @@ def on_ground(forward: float, backward: float, gait: Lengths, drag: float = 0.0)
     return play(Rubbing(np.array([0.2, 0.3]), drag, ahead, back, np.zeros(2)), gait)
 
 
+@pytest.mark.slow
 def test_friction_forward_is_a_load_and_grips_are_the_sum_of_both():
     """The fastest gait of this worm with spikes slips on dry ground as soon as that is weaker."""
     gait = gait_of(FORWARD, BACKWARD)

@@ -144,7 +144,7 @@ def test_designed_gaits_beat_the_constructed_ones(links, resting):
     "cost",
     [
         "peak_spike_load",
-        "peak_actuator_force",
+        pytest.param("peak_actuator_force", marks=pytest.mark.slow),
         pytest.param("energy_per_distance", marks=pytest.mark.slow),
         pytest.param("acceleration_effort", marks=pytest.mark.slow),
     ],
@@ -338,6 +338,7 @@ def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
     assert value(result, "front_points") == 0
 
 
+@pytest.mark.slow
 def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
     from wormopt.systems.spiked import gait_pareto
 

@@ -197,6 +197,7 @@ def test_a_gait_of_several_cycles_is_not_above_its_bound():
 # -- tasks ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_design_does_not_depend_on_the_number_of_threads():
     task = GaitProblem(G1_WORM.vary(mass=(1.0, 2.0, 1.5)), G1_LIMITS)
     one, two = (designed(task, Search(effort="quick", workers=k), lambda *_: None)

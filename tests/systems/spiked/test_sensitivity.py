@@ -138,6 +138,7 @@ def test_spike_limit_solved_again():
     assert_confirmed(design(G1_WORM, G1_LIMITS.vary(spike_load=27.0)))
 
 
+@pytest.mark.slow
 def test_cost_solved_again():
     """Of a cost, which ways are better is turned round; so is the required speed."""
     search = Search(sequence=((0,), (1,), (0, 1), (1,), (2,)), effort="quick")
@@ -223,6 +224,7 @@ def test_scene_tells_what_binds(tmp_path: Path):
     draw(result, "limits", tmp_path / "limits.png")
 
 
+@pytest.mark.slow
 def test_a_picture_of_what_smooth_costs_do_not_have_is_left_out(tmp_path, capsys):
     cost = 'objective={minimise="energy_per_distance", speed=0.3}'
     own = ["--set", cost, "--set", "search.sequence=[[0],[2]]", "--set", 'want=["limits"]',

@@ -232,6 +232,7 @@ def test_units_and_masses_scale_the_answer():
     assert large.scalars["power_mean"].unit == "W"
 
 
+@pytest.mark.slow
 def test_a_run_saves_its_picture(tmp_path: Path):
     folder = tmp_path / "out"
     assert main(["run", SCENE, "-o", str(folder), "--quiet"]) == 0
@@ -277,6 +278,7 @@ def test_masses_that_hand_their_rest_on_go_as_the_slowest_mass():
     assert value(result, "rest_share") == pytest.approx(1 / 3, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_masses_that_friction_stops_at_once_end_too():
     """A swing of 1e-9 is undone by friction within 1e-7 of a period: the average is stiff."""
     result = solved("worm.harmonic.0.amplitude=1e-9")
@@ -287,6 +289,7 @@ def test_masses_that_friction_stops_at_once_end_too():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backward", [2e-4, 2e-6])
 def test_masses_that_all_but_cease_to_reverse_are_where_averages_bend(backward: float):
     """Second order is not accurate there: a warning says so, and the motion is accepted."""
