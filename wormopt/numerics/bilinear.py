@@ -439,18 +439,24 @@ class BilinearProgram(Linearised):
             x[free] += step[: free.sum()]
         return x
 
-    def gain(self, moved: BilinearProgram, x: np.ndarray, radius: float = 1e-3) -> float:
+    def linearise(self, x: np.ndarray) -> Any:
+        """Solve the program linearised at its optimum `x`, held columns near it.
+
+        The basis is kept: afterwards each `gain` at `x` takes a few pivots.
+        """
+        sizes = x[self.held]
+        return self._step(x, _NEAR * np.maximum(sizes, _SHORTEST_STEP * sizes.mean()))
+
+    def gain(self, moved: BilinearProgram, x: np.ndarray) -> float:
         """First-order gain of a small change of sides, bounds and coefficients.
 
         `moved` is linearised at the old optimum `x`: its multipliers fit the change even if
-        the old ones are not unique. NaN without a point nearby; `radius`: share of held factors.
+        the old ones are not unique. NaN without a point nearby.
         """
         if len(moved.row_lower) != len(self.row_lower):
             return np.nan
-        sizes = x[self.held]
         moved._basis = self._basis
-        near = radius * np.maximum(sizes, _SHORTEST_STEP * sizes.mean())
-        found = moved._step(x, near)
+        found = moved.linearise(x)
         if found is None:
             return np.nan
         row, column = np.array(found.row_dual), np.array(found.col_dual)
@@ -474,6 +480,7 @@ def _nonbasic(status: Sequence[Any]) -> np.ndarray:
 
 _UPPER = highspy.HighsBasisStatus.kUpper
 _NEWTON_STEPS, _ROUNDS = 3, 4
+_NEAR = 1e-3  # share by which held columns may move where a program is linearised at its optimum
 # Unknowns below this size may move as far as one of this size; error of rows implied by others.
 _SMALL, _LOOSE = 1e-3, 1e-13
 _SHARP, _MARGIN = 1e-13, 4e-9

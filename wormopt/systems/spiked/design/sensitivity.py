@@ -160,6 +160,7 @@ def sensitivities(design: Design) -> Sensitivities:
     program, point = trial.program.finer(trial.point)
     if point is not None:  # a single link's limit may bend the motion inside an arc
         trial = replace(trial, program=program, point=point)
+    trial.program.bilinear.linearise(trial.point.x)
     found = (_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
     return Sensitivities(found)
 
