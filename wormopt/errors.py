@@ -170,9 +170,9 @@ class SolveError(WormoptError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """The user stopped a study or a simulation that had something to keep.
+    """The user stopped a study or a simulation that has partial results.
 
-    A KeyboardInterrupt, so that no handler of errors takes it for one.
+    A KeyboardInterrupt, so handlers of errors do not catch it.
 
     Parameters
     ----------

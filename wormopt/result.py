@@ -338,12 +338,12 @@ class Result:
         return tuple(Check(name, **found) for name, found in checks if isinstance(found, Mapping))
 
     def failed(self, reason: str) -> Result:
-        """Give the same as a failed result.
+        """Return a copy of the result with status ``failed``.
 
         Parameters
         ----------
         reason : str
-            Reason of the failure.
+            Reason for the failure.
         """
         return replace(self, status="failed", reason=reason)
 
@@ -514,14 +514,14 @@ class Result:
         Returns
         -------
         Result
-            Equal to the one saved.
+            The result, equal to the saved one.
 
         Raises
         ------
         OSError
             If the file cannot be read.
         ValueError
-            If it is no result of wormopt.
+            If the file is not a result of wormopt.
 
         Examples
         --------

@@ -26,7 +26,7 @@ def run(
     *,
     only: str | Sequence[str] = (),
 ) -> Result:
-    """Compute what a scene asks for. Nothing is written.
+    """Compute the results of a scene. Nothing is written.
 
     Parameters
     ----------
@@ -76,11 +76,11 @@ def run(
 def load(
     scene: Scene[Any] | str | Path | Mapping[str, Any], overrides: Overrides = (), **tables: Any
 ) -> Any:
-    """Read a scene as a study, which computes each of its results when it is asked for.
+    """Read a scene as a study, which computes each result when it is first read.
 
-    Keys of the scene are attributes of the study. ``study["speed"]`` is a scalar or variable of its
-    results, computed once, with what it needs and nothing else. ``study.result()`` computes all, as
-    `run` does, and ``study.vary`` gives the same study with other keys.
+    Keys of the scene are attributes of the study. ``study["speed"]`` is a scalar or variable of
+    its results, computed once, with only the results that it depends on. ``study.result()``
+    computes all results, as `run` does, and ``study.vary`` returns the study with other keys.
 
     Parameters
     ----------

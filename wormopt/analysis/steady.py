@@ -44,11 +44,11 @@ class SteadyState:
     x : ndarray, shape (n_x,)
         State.
     residual : float
-        Largest rate left, over the usual size of its state.
+        Largest remaining rate, relative to the nominal size of its state.
     eigenvalues : ndarray of complex, shape (n_x,)
         Eigenvalues of the Jacobian of the rates, largest real part first.
     p : ndarray
-        Parameters and inputs it was found for.
+        Parameters and inputs of the steady state.
 
     Examples
     --------

@@ -135,7 +135,7 @@ def funnel_tracker(
     feedforward : FeedForward, optional
         Force added to the controller's.
     output, input : str, optional
-        Names of the plant's output that follows, or state, and of the input that is put in.
+        Names of the plant's output or state that follows the reference, and of the input.
 
     Returns
     -------

@@ -131,7 +131,7 @@ class Adaptation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """The chapter's law k' = gamma ([|e| - lambda]+)^2.
+    """Gain adaptation law k' = gamma ([|e| - lambda]+)^2 of Zimmermann et al. 2007.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class Quadratic:
 
 @dataclass(frozen=True, eq=False)
 class Exponent:
-    """The law k' = gamma [|e| - lambda]+ |e|^(r - 1).
+    """Gain adaptation law k' = gamma [|e| - lambda]+ |e|^(r - 1).
 
     Parameters
     ----------
@@ -363,7 +363,7 @@ def lambda_tracker(
         Whether crossings of the tube are events of the model, so that solvers locate them. A
         `Decay` has these events anyway.
     output, input : str, optional
-        Names of the plant's output that follows, or state, and of the input that is put in.
+        Names of the plant's output or state that follows the reference, and of the input.
     any_sign : bool, optional
         Whether an input that pushes the output the wrong way is taken too; the loop is unstable.
 
@@ -382,7 +382,7 @@ def lambda_tracker(
     ArgumentError
         If a number is out of range, the plant has no such output or input, or no ``stiffness``
         where rest lengths are moved, sizes of plant and reference differ, forces act on the
-        output's rate at once, or the input accelerates the output the wrong way.
+        output's rate at once, or the input accelerates the output in the wrong direction.
 
     Examples
     --------

@@ -474,7 +474,7 @@ class Model:
         )
 
     def check_laws(self) -> None:
-        """Refuse numbers of friction laws by symbols that belong to none of the model's parts.
+        """Refuse friction laws with symbols that belong to no part of the model.
 
         A Model may lack them, as builders take laws before a Model takes their symbols.
 
@@ -517,7 +517,7 @@ class Model:
         return sum(s.size for s in self.x)
 
     def refuse_delays(self, what: str) -> None:
-        """Refuse signals of the past where they are not known.
+        """Refuse a model with delays in a method that does not support them.
 
         Parameters
         ----------
@@ -582,7 +582,7 @@ class Model:
         return tuple(self.x[: ends.index(half)])
 
     def breaks(self, end: float) -> np.ndarray:
-        """Times at which schedules go on to another piece.
+        """Times at which a schedule changes to its next piece.
 
         Parameters
         ----------

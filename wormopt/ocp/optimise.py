@@ -435,16 +435,16 @@ def refine(
     solver: Solver | None = None,
     report: Report = silent,
 ) -> Optimum:
-    """Split arcs that err by more than asked and solve again, until none does or it is no use.
+    """Refine the mesh where its error exceeds the tolerance, and solve again.
 
     Parameters
     ----------
     optimum : Optimum
-        On a mesh with shares.
+        Optimum on a mesh with shares.
     tolerance : float
         Local error allowed on each arc, in nominal sizes of states, see `defects`.
     rounds : int, optional
-        Most solves.
+        Largest number of solves.
     most_arcs : int, optional
         Largest mesh.
     p, pins : mapping, optional
@@ -462,7 +462,7 @@ def refine(
     Raises
     ------
     SolveError
-        If a finer mesh is not solved.
+        If a problem on a finer mesh cannot be solved.
 
     Examples
     --------

@@ -39,7 +39,7 @@ Found = tuple[Trajectory, str]
 
 @dataclass(frozen=True)
 class Scenario:
-    """Own values of one motion of an ensemble.
+    """Start, parameters and schedules of one member of an ensemble.
 
     Parameters
     ----------

@@ -231,7 +231,7 @@ class Trajectory(SampledMotion):
         return self.along.labels if self.along else ()
 
     def derivative(self, name: str) -> np.ndarray:
-        """Differentiate the samples of a signal along the directions that were asked for.
+        """Derivative of the samples of a signal along the requested directions.
 
         Parameters
         ----------
@@ -384,7 +384,7 @@ class Trajectory(SampledMotion):
         return found
 
     def stick_intervals(self) -> list[tuple[str, float, float]]:
-        """Find when contacts rest; known only where contact was treated as exact.
+        """Find the intervals in which contacts rest; requires exact contact.
 
         Returns
         -------

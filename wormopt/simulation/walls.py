@@ -28,7 +28,7 @@ from wormopt.model.model import TINY, Contact, Model, Output, Signal, pack
 
 
 def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation: float) -> Model:
-    """Make the walls of a model elastic.
+    """Replace the rigid walls of a model by elastic ones.
 
     Parameters
     ----------
