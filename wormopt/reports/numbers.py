@@ -326,7 +326,7 @@ def _checks_html(checks: tuple[Check, ...]) -> str:
     whole = scrolled("Checks", table("checks", ("check", "found", "accepted up to", ""), rows))
     failed = sum(not c.passed for c in checks)
     title = f"{failed} of {len(checks)} checks failed" if failed else f"{len(checks)} checks"
-    return details(f"{title}: what was found, and what is accepted", whole, opened=failed > 0)
+    return details(f"{title}: values found and accepted limits", whole, opened=failed > 0)
 
 
 def _rest(trust: Mapping[str, Any]) -> str:

@@ -70,11 +70,12 @@ class NonsmoothEvent:
     Parameters
     ----------
     event : Event
-        The event, or one that nearly happened.
+        The event, or an event that nearly occurs.
     reason : {"grazing", "simultaneous", "edge"}
-        "grazing": it happens so slowly that a small change would undo it, or all but happens;
-        "simultaneous": another one happens at this instant, and a change may turn their order;
-        "edge": a force is at the limit of what holds, and a change may let go or not.
+        "grazing": a velocity or force barely crosses or misses its limit, so a small change may
+        remove or add the event; "simultaneous": another event occurs at the same time, and a
+        small change may reverse their order;
+        "edge": a force is exactly at its limit, so a small change may release the contact.
 
     Examples
     --------

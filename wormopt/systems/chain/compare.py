@@ -371,7 +371,7 @@ def _closed(
     if isinstance(rival, Gait):
         return drive(with_reference(plant, reference), rival)
     loop = rival(plant, reference)
-    check_kind("what it returns", loop, Model)
+    check_kind("the returned loop", loop, Model)
     own_states(loop, plant)
     if loop.u:
         left = ", ".join(signal.name for signal in loop.u)

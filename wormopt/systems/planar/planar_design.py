@@ -352,7 +352,12 @@ class PlanarGaitDesign(Study, kind="planar-design"):
             yield Check("passage", max(0.0, over), _STILL, advice)
         if design.work_bound is not None:
             over, limit = max(0.0, design.work_bound - design.work), _KEPT * design.work
-            yield Check("work above its bound", over, limit, "work below its lower bound")
+            yield Check(
+                "work above its bound",
+                over,
+                limit,
+                "the work is below its lower bound: the result is wrong",
+            )
         if limits.effort is not None:
             over = max(0.0, design.work - limits.effort)
             advice = f"the gait exceeds limits.effort by {over:.2g}"

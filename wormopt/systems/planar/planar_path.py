@@ -125,7 +125,7 @@ class Gait(Given):
         if self.mirrored and any(rest[lengths:]):
             yield (
                 f"{key}.mirrored",
-                "the rest shape is bent; write the mirrored gait as a gait of its own",
+                "the rest shape is bent; write the mirrored gait as a separate gait",
             )
         if len(rest) != body.n_s:
             return
