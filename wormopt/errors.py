@@ -54,9 +54,9 @@ class UnknownNameError(ArgumentError, KeyError):
     where : str
         Object without this name.
     what : str
-        What would be called so, "state" say.
+        Type of the named thing, for example "state".
     unknown : iterable of str
-        The names asked for.
+        The unknown names.
     known : iterable of str
         Existing names.
     hint : str, optional

@@ -31,18 +31,19 @@ def run(
     Parameters
     ----------
     scene : Scene, study, str, path or mapping
-        The scene, or what `load_scene` finds or makes it by.
+        The scene, or an argument of `load_scene`.
     overrides : str, mapping, or iterable of them
         Changes, as for `load_scene`.
     report : callable
         Called with a message and the fraction done, see `wormopt.progress`.
     only : str or sequence of str, optional
-        Names of scalars, variables and checks to compute. Only what they need is computed.
+        Names of scalars, variables and checks to compute. Only these and the quantities that they
+        depend on are computed.
 
     Returns
     -------
     Result
-        Its status is "failed" where the trust report does not hold, and "unchecked" where nothing
+        Result with the status "failed" if a check fails, or "unchecked" if no second computation
         confirms it.
 
     Raises
@@ -54,7 +55,7 @@ def run(
     SolveError
         If the solver did not reach an accepted result.
     Interrupted
-        If the user stopped a study that had something to keep.
+        If the user stopped a study that has partial results.
 
     Examples
     --------
@@ -85,7 +86,7 @@ def load(
     Parameters
     ----------
     scene : Scene, str, path or mapping
-        The scene, or what `load_scene` finds or makes it by.
+        The scene, or an argument of `load_scene`.
     overrides : str, mapping, or iterable of them
         Changes, as for `load_scene`.
     **tables

@@ -64,7 +64,7 @@ class Branch:
         "runaway" of a state, "lost" where no state follows, after the allowed "steps", or
         "closed" in itself.
     p : ndarray
-        Parameters and inputs, of which ``name`` is passed over.
+        Parameters and inputs; the value of ``name`` is not used.
 
     Examples
     --------

@@ -327,9 +327,9 @@ def lambda_tracker(
     "filter", (14), u = -(k theta + (k theta)') and theta' = -k^2 theta + k^2 e, which needs no
     derivative of the output. |.| is the Euclidean norm. Neither do the other two:
 
-    - "difference" is (13) with (e(t) - e(t - h)) / h in place of e'; before time 0 the error was
-      what it is then. The loop is a delay equation. It is stable at high gain only while k h is
-      small against the inertia: unlike e', a difference does not bear every gain.
+    - "difference" is (13) with (e(t) - e(t - h)) / h in place of e'; before time 0 the error
+      equals its value at time 0. The loop is a delay equation. It is stable at high gain only
+      while k h is small against the inertia: unlike e', a difference does not allow every gain.
     - "backstepping" is a filter xi' = -xi + u of the input and
       u = -k e - (k^2 + |e|^2) k^4 (1 + |xi|^2) (xi + k e): Ye's way (Automatica 35, 109-119, 1999)
       in the form that Ilchmann, Ryan and Townsend gave it for relative degree two (SIAM J. Control
@@ -365,7 +365,8 @@ def lambda_tracker(
     output, input : str, optional
         Names of the plant's output or state that follows the reference, and of the input.
     any_sign : bool, optional
-        Whether an input that pushes the output the wrong way is taken too; the loop is unstable.
+        Whether an input that accelerates the output in the wrong direction is accepted; the loop
+        is then unstable.
 
     Returns
     -------

@@ -145,9 +145,9 @@ _RATES = {"length": "speed", "angle": "angular_frequency", "share": "rate"}
 
 @dataclass(frozen=True, eq=False)
 class FeedForward:
-    """Force that would hold links of these numbers on the reference, c (y_ref - l0) + d y_ref'.
+    """Force that holds links with these parameters on the reference, c (y_ref - l0) + d y_ref'.
 
-    The numbers are what the controller believes, which need not be the worm's own.
+    These are the values that the controller assumes; they may differ from those of the worm.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ class FeedForward:
         Raises
         ------
         ArgumentError
-            If what is believed is not one finite number, or one for each link.
+            If an assumed value is not one finite number, or one per link.
 
         Examples
         --------

@@ -182,7 +182,7 @@ def posterior(
     draws, tune : int, optional
         Numbers of kept draws and of adaptation draws, per chain.
     chains : int, optional
-        At least two, which are compared.
+        Number of chains, at least two; they are compared.
     seed : int, optional
         Seed of the random numbers.
     report : callable, optional
@@ -197,7 +197,7 @@ def posterior(
     ------
     ArgumentError
         If nutpie is not installed, a number is too small, or an unknown without bounds has no
-        effect on the readings, so that there is no such probability.
+        effect on the readings, so the posterior does not exist.
     SolveError
         If the sampler finds no valid start.
     Interrupted

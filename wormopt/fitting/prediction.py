@@ -114,8 +114,8 @@ def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Predict
     Raises
     ------
     ArgumentError
-        If the level is not between 0 and 1, or the run does not fit the model or leaves nothing
-        to compare.
+        If the level is not between 0 and 1, the run does not fit the model, or it has too few
+        readings.
     SolveError
         If the motion cannot be simulated.
 

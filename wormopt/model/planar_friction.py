@@ -55,7 +55,7 @@ class PlanarLaw(Protocol):
         ...
 
     def gauge(self, force: ca.SX) -> ca.SX:
-        """Size of a force at rest against what the ground can hold.
+        """Size of a force at rest, relative to the largest force that the ground can hold.
 
         Parameters
         ----------

@@ -163,7 +163,7 @@ def report(
     results : Result, path, or sequence of these
         Results, folders of results or ``result.nc`` files. Several are compared side by side.
     path : path
-        The file to write, which ends in ".html"; folders on the way are made.
+        The file to write, which ends in ".html"; missing folders are created.
     title : str
         Title of the page; by default that of the one result.
     force : bool

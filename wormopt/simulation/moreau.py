@@ -384,8 +384,8 @@ class MoreauJean:
         Raises
         ------
         ArgumentError
-            If walls act on one another, or there is no step to take: nothing resists, and none
-            is given.
+            If walls act on one another, or the model has no stiffness or damping and no `step` is
+            given.
         SolveError
             If a value is not finite; ``partial`` contains the motion up to then.
         Interrupted
@@ -435,7 +435,7 @@ class MoreauJean:
         Returns
         -------
         float
-            Infinite where nothing resists.
+            Infinite for a model without stiffness and damping.
         """
         half = self._impulses.n_q
         J = np.array(self._impulses.linear(x0, numbers))[half:]

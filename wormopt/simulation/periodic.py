@@ -225,8 +225,8 @@ def periodic_orbit(
         Parameters, inputs and values of schedules by which the orbit is differentiated, as
         `simulate` takes them.
     period_derivative : mapping of str to float, optional
-        Derivative of the period along directions, by their labels, where it changes with them: with
-        the frequency w of what drives the model, -2 pi / w^2.
+        Derivative of the period along directions, by their labels, where it changes with them: for
+        the frequency w of the excitation, -2 pi / w^2.
     report : callable, optional
         Receives the progress, see `wormopt.progress`.
 
