@@ -276,7 +276,7 @@ def _tracked(plant: Model, output: str) -> ca.SX:
     names = [part.name for part in (*plant.x, *plant.outputs)]
     if output not in names:
         raise ArgumentError(
-            f"{plant.name} has no output {output!r} that could follow the reference; write output= "
+            f"{plant.name} has no output {output!r} that can follow the reference; write output= "
             f"one of {', '.join(map(repr, names))}"
         )
     return plant[output]
@@ -507,9 +507,9 @@ def check_sign(plant: Model, output: str, input: str) -> None:  # noqa: A002
     listed = ", ".join(f"{part:.3g}" for part in np.sort(parts)[:_LISTED])
     if parts.max() < -least:
         raise ArgumentError(
-            f"{what} accelerates {output} the wrong way: the high-frequency gain d(y'')/du has the "
-            f"eigenvalues {listed} at the start, but a tracker needs positive ones; reverse the "
-            "sign of the input"
+            f"{what} accelerates {output} in the wrong direction: the high-frequency gain "
+            f"d(y'')/du has the eigenvalues {listed} at the start, but a tracker needs positive "
+            "ones; reverse the sign of the input"
         )
     raise ArgumentError(
         f"{what} does not accelerate all entries of {output} independently: the high-frequency "

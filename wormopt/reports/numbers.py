@@ -99,8 +99,8 @@ def _whose(result: Result) -> str:
     knee, last = result.scalars["front_knee"].value, len(result["front_speed"].values) - 1
     return (
         f'<p class="note">The gait at the knee of the front, point {knee} of 0 to {last}, is the '
-        "one that was chosen: all numbers that are not the front's, the motion and the checks are "
-        "of it.</p>"
+        "selected one: the motion, the checks and all values except those of the front belong to "
+        "it.</p>"
     )
 
 

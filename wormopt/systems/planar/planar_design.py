@@ -342,7 +342,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
     def requirements(self) -> Iterator[Check]:
         design, limits, miss = self.design, self.limits, self.numbers.miss
         advice = f"the requirements are missed by {miss:.2g}"
-        yield Check("what should vanish", miss, CLOSED, advice)
+        yield Check("requirements", miss, CLOSED, advice)
         low, high = self.task.ranges.T
         over = float(np.maximum(low - design.corners, design.corners - high).max())
         yield Check("limits of the shape", max(0.0, over), _KEPT, "the shape exceeds its limits")
