@@ -36,7 +36,7 @@ def groups(result: Any) -> list[Part]:
     return [
         Part("", [*_entries(result), *(_row(result, name) for name in first), *_best(result)]),
         Part(_heading_of_limits(result), limits),
-        Part("Besides", [_row(result, name) for name in result.scalars if name not in taken]),
+        Part("Other results", [_row(result, name) for name in result.scalars if name not in taken]),
     ]
 
 
@@ -162,7 +162,7 @@ def _best(result: Any) -> Iterator[tuple[str, str, str]]:
 def _heading_of_limits(result: Any) -> str:
     if _effects_known(result):
         objective = result.attributes["limits"]["objective"]
-        return f"Limits, and what 1 % more of each does to {objective}"
+        return f"Limits, and the effect of 1 % more of each on {objective}"
     return "Limits"
 
 

@@ -54,9 +54,9 @@ class UnknownNameError(ArgumentError, KeyError):
     where : str
         Object without this name.
     what : str
-        What would be called so, "state" say.
+        Type of the named thing, for example "state".
     unknown : iterable of str
-        The names asked for.
+        The unknown names.
     known : iterable of str
         Existing names.
     hint : str, optional
@@ -170,9 +170,9 @@ class SolveError(WormoptError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """The user stopped a study or a simulation that had something to keep.
+    """The user stopped a study or a simulation that has partial results.
 
-    A KeyboardInterrupt, so that no handler of errors takes it for one.
+    A KeyboardInterrupt, so handlers of errors do not catch it.
 
     Parameters
     ----------

@@ -214,8 +214,8 @@ class SampledMotion(ABC):
         -------
         xarray.Dataset
             Signals of several entries have a dimension of their own, ``<name>_entry``, that counts
-            from 0; with ``mass`` and ``link`` instead in a crawl. At a jump the earlier
-            value has a time less by the last digit, so that every instant can be selected.
+            from 0; with ``mass`` and ``link`` instead in a crawl. At a jump, the time of the
+            earlier value is smaller by the last digit, so labels are unique.
 
         Raises
         ------

@@ -158,7 +158,7 @@ class Scalar:
     value : number, text, list or None
         NaN and infinities become None: unknown.
     unit : str
-        UDUNITS text, "1" where there is none.
+        Unit as UDUNITS text, "1" for dimensionless values.
 
     Examples
     --------
@@ -184,7 +184,7 @@ class Variable:
     name : str
         ASCII letters, digits and underscores.
     unit : str
-        UDUNITS text, "1" where there is none.
+        Unit as UDUNITS text, "1" for dimensionless values.
     dims : tuple of str
         One name per axis, at least one.
     values : array_like

@@ -241,11 +241,11 @@ class Result:
     title : str
         Title of the scene, any text.
     status : {"ok", "unchecked", "failed"}
-        "failed" where the trust report fails or the study was not finished. "unchecked" where
-        nothing fails, but no second route confirms the numbers, or the theory that gives them
-        does not hold.
+        "failed": a check of the trust report fails, or the study was not finished. "unchecked": no
+        check fails, but no second route confirms the values, or the theory is outside its range of
+        validity.
     scalars : mapping of str to Scalar
-        The numbers asked for.
+        Scalar results by name.
     variables : tuple of Variable
         The signals, kept sorted by name; `result["name"]` finds one, or a scalar.
     trust : mapping of str to JSON data
@@ -338,12 +338,12 @@ class Result:
         return tuple(Check(name, **found) for name, found in checks if isinstance(found, Mapping))
 
     def failed(self, reason: str) -> Result:
-        """Give the same as a failed result.
+        """Return a copy of the result with status ``failed``.
 
         Parameters
         ----------
         reason : str
-            Reason of the failure.
+            Reason for the failure.
         """
         return replace(self, status="failed", reason=reason)
 
@@ -362,8 +362,8 @@ class Result:
         -------
         xarray.Dataset
             Every dimension has a coordinate: its own variable, the names of its entries, or
-            numbers from 0. At a jump the earlier value has a time less by the last digit, so that
-            every instant can be selected. Attributes are scene, kind, title and status.
+            numbers from 0. At a jump, the time of the earlier value is smaller by the last digit,
+            so labels are unique. Attributes are scene, kind, title and status.
 
         Raises
         ------
@@ -393,7 +393,7 @@ class Result:
         Parameters
         ----------
         over : str, optional
-            The dimension along which rows go; time, or what most variables go along.
+            Dimension of the rows; by default time, or the dimension of most variables.
 
         Returns
         -------
@@ -477,8 +477,8 @@ class Result:
     def save(self, folder: str | Path, pictures: tuple[str, ...] = ()) -> None:
         """Write ``result.nc`` and ``summary.json`` into a folder that exists.
 
-        An attribute ``table``, text in Markdown, goes to ``table.md`` too, and what the kind of
-        scene exports to files of its own.
+        An attribute ``table``, text in Markdown, is also written to ``table.md``; some kinds write
+        further files.
 
         Parameters
         ----------
@@ -514,14 +514,14 @@ class Result:
         Returns
         -------
         Result
-            Equal to the one saved.
+            The result, equal to the saved one.
 
         Raises
         ------
         OSError
             If the file cannot be read.
         ValueError
-            If it is no result of wormopt.
+            If the file is not a result of wormopt.
 
         Examples
         --------

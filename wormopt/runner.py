@@ -26,23 +26,24 @@ def run(
     *,
     only: str | Sequence[str] = (),
 ) -> Result:
-    """Compute what a scene asks for. Nothing is written.
+    """Compute the results of a scene. Nothing is written.
 
     Parameters
     ----------
     scene : Scene, study, str, path or mapping
-        The scene, or what `load_scene` finds or makes it by.
+        The scene, or an argument of `load_scene`.
     overrides : str, mapping, or iterable of them
         Changes, as for `load_scene`.
     report : callable
         Called with a message and the fraction done, see `wormopt.progress`.
     only : str or sequence of str, optional
-        Names of scalars, variables and checks to compute. Only what they need is computed.
+        Names of scalars, variables and checks to compute. Only these and the quantities that they
+        depend on are computed.
 
     Returns
     -------
     Result
-        Its status is "failed" where the trust report does not hold, and "unchecked" where nothing
+        Result with the status "failed" if a check fails, or "unchecked" if no second computation
         confirms it.
 
     Raises
@@ -54,7 +55,7 @@ def run(
     SolveError
         If the solver did not reach an accepted result.
     Interrupted
-        If the user stopped a study that had something to keep.
+        If the user stopped a study that has partial results.
 
     Examples
     --------
@@ -76,16 +77,16 @@ def run(
 def load(
     scene: Scene[Any] | str | Path | Mapping[str, Any], overrides: Overrides = (), **tables: Any
 ) -> Any:
-    """Read a scene as a study, which computes each of its results when it is asked for.
+    """Read a scene as a study, which computes each result when it is first read.
 
-    Keys of the scene are attributes of the study. ``study["speed"]`` is a scalar or variable of its
-    results, computed once, with what it needs and nothing else. ``study.result()`` computes all, as
-    `run` does, and ``study.vary`` gives the same study with other keys.
+    Keys of the scene are attributes of the study. ``study["speed"]`` is a scalar or variable of
+    its results, computed once, with only the results that it depends on. ``study.result()``
+    computes all results, as `run` does, and ``study.vary`` returns the study with other keys.
 
     Parameters
     ----------
     scene : Scene, str, path or mapping
-        The scene, or what `load_scene` finds or makes it by.
+        The scene, or an argument of `load_scene`.
     overrides : str, mapping, or iterable of them
         Changes, as for `load_scene`.
     **tables

@@ -94,6 +94,16 @@ def test_what_is_not_described_would_be_seen():
     assert undescribed(module) == ["bare", "bare.Told.method"]
 
 
+def test_a_docstring_has_each_section_once():
+    """Two sections of one name are two texts that nobody joined."""
+    twice = []
+    for file in sorted(Path(wormopt.__path__[0]).rglob("*.py")):
+        for text in re.findall(r'"""(.*?)"""', file.read_text("utf-8"), re.DOTALL):
+            heads = re.findall(r"^ *([A-Z][a-z ]+)\n *-{4,}$", text, re.MULTILINE)
+            twice += [(file.name, head) for head in {*heads} if heads.count(head) > 1]
+    assert twice == []
+
+
 SPACES = [name for name in wormopt.__all__ if inspect.ismodule(getattr(wormopt, name))]
 PUBLIC = [
     *wormopt.__all__,

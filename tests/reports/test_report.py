@@ -124,7 +124,7 @@ def test_a_front_shows_its_points_and_whose_numbers_there_are_besides(tmp_path: 
                              "| 0 | 0.25 | rate |  |\n| 1 | 0.5 |  | knee |\n| 2 | 1 | <b> |  |\n"},
     )  # fmt: skip
     told = Whole(page_of(front, tmp_path)).text
-    assert "the knee of the front, point 1 of 0 to 2, is the one that was chosen" in told
+    assert "the knee of the front, point 1 of 0 to 2, is the selected one" in told
     assert "mode sequence [0] [2]" in told
     assert "point speed limits, | l | 0 0.25 rate – 1 0.5 – knee 2 1 <b> –" in told
 

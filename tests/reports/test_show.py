@@ -37,14 +37,14 @@ def test_what_was_asked_for_comes_first_and_effort_not_at_all():
     found = numbers(a=1, b=2, c=3, d=4, e=5, f=6, n_steps=7, recheck_error=0.0)
     shown = rows(made(scalars=found))
     assert [*shown[""]] == ["a", "b", "c", "d", "e"]
-    assert [*shown["Besides"]] == ["f"]
+    assert [*shown["Other results"]] == ["f"]
 
 
 def test_a_kind_says_what_comes_first():
     found = numbers(glides=[], lambda_min=1, speed=2, period=3)
     shown = rows(Result("walk", "gait", scalars=found))
     assert [*shown[""]] == ["speed", "period", "glides"]
-    assert [*shown["Besides"]] == ["lambda_min"]
+    assert [*shown["Other results"]] == ["lambda_min"]
     assert headline(Result("walk", "gait", scalars=found)) == "speed 2, period 3, glides none"
 
 
@@ -59,7 +59,7 @@ def test_every_kind_names_scalars_that_it_declares():
 def test_an_objective_that_is_another_number_is_not_told_twice(objective: float, told: bool):
     found = numbers(time=2.0, objective=objective, input_rms=3.0)
     shown = rows(Result("block", "slide", scalars=found))
-    assert ("objective" in {**shown[""], **shown.get("Besides", {})}) is told
+    assert ("objective" in {**shown[""], **shown.get("Other results", {})}) is told
 
 
 def test_units_stand_behind_values_and_what_is_not_known_is_called_so():
@@ -96,7 +96,7 @@ def test_limits_are_sorted_by_what_they_are_worth():
         trust={"violations": {"gait.rate": 0.0}},
     )
     shown = rows(result)
-    heading = "Limits, and what 1 % more of each does to speed"
+    heading = "Limits, and the effect of 1 % more of each on speed"
     assert list(shown[heading].items()) == [
         ("worm.mass", ("3 kg", "-0.5 %")),
         ("gait.rate", ("2 m s-1", "+0.25 %")),

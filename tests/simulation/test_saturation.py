@@ -242,4 +242,4 @@ def test_the_refusal_names_what_was_given():
     plant = arm(np.inf, -1.0)
     with pytest.raises(ArgumentError) as caught:
         lambda_tracker(plant, gait_reference(still, plant.t), tube_radius=0.1, **NAMES)
-    assert "the input 'tau' of arm accelerates angle the wrong way" in str(caught.value)
+    assert "the input 'tau' of arm accelerates angle in the wrong direction" in str(caught.value)

@@ -274,9 +274,9 @@ def average(
     -------
     Model
         Autonomous, with the same states, parameters and inputs, and those outputs that do not
-        depend on time. It has no contacts: sliding friction is averaged in; contacts must not rest
-        for a while, which they do not if they pass through 0 quickly. Where a velocity is 0 all
-        along, friction is taken as against motion forward.
+        depend on time. It has no contacts: sliding friction is averaged in; contacts must pass
+        through velocity 0 without a rest. If a velocity is 0 at all times, friction opposes
+        forward motion.
 
     Raises
     ------

@@ -64,7 +64,7 @@ class Branch:
         "runaway" of a state, "lost" where no state follows, after the allowed "steps", or
         "closed" in itself.
     p : ndarray
-        Parameters and inputs, of which ``name`` is passed over.
+        Parameters and inputs; the value of ``name`` is not used.
 
     Examples
     --------
@@ -112,7 +112,7 @@ class Branch:
         return by_name(self.model.x, self.x.T)[name]
 
     def state(self, index: int) -> SteadyState:
-        """One of its states, such as for `steady_sensitivity`.
+        """State of the branch at an index, for example for `steady_sensitivity`.
 
         Parameters
         ----------
@@ -128,18 +128,18 @@ class Branch:
         return rates.steady(self.x[index], p)
 
     def at(self, values: ArrayLike) -> Branch:
-        """Find the branch's states at given values of its parameter.
+        """Find the states of the branch at given values of its parameter.
 
         Parameters
         ----------
         values : array_like, shape (k,)
-            Values. Where the branch folds back it has several states at one value; values that it
-            does not reach are left out, and those too near to a fold for Newton's method.
+            Values. A branch with folds has several states at one value. Values outside the branch
+            are left out, and so are those too close to a fold for Newton's method.
 
         Returns
         -------
         Branch
-            With states there and nowhere else, in the order of the branch.
+            Branch with the states at these values only, in the order of the branch.
         """
         rates, values = rates_of(self.model), np.atleast_1d(np.asarray(values, float))
         starts, wanted, steps = [], [], []

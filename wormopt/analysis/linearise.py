@@ -440,9 +440,9 @@ def linearise(
     output : str or sequence of str
         Names of its outputs, which are y.
     x : mapping of str to array_like, optional
-        States of the operating point by name; where it says nothing, the model's own start.
+        States of the operating point by name; by default the start values of the model.
     u : mapping of str to array_like, optional
-        Inputs of the operating point by name; where it says nothing, the model's own, or 0.
+        Inputs of the operating point by name; by default those of the model, or 0.
     p : mapping of str to array_like, optional
         Parameters by name, where they are not the model's own.
     v_reg : float, optional

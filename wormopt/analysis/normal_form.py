@@ -185,7 +185,7 @@ class NormalForm:
         Parameters
         ----------
         x : mapping of str to array_like, optional
-            States by name; where it says nothing, the model's own start, or 0.
+            States by name; by default the start values of the model, or 0.
         p : mapping of str to array_like, optional
             Parameters by name, where they are not the model's own.
         t : float, optional
@@ -217,7 +217,7 @@ class NormalForm:
         Parameters
         ----------
         x : mapping of str to array_like, optional
-            States by name; where it says nothing, the model's own start, or 0.
+            States by name; by default the start values of the model, or 0.
         p : mapping of str to array_like, optional
             Parameters by name, where they are not the model's own.
         t : float, optional
@@ -351,8 +351,8 @@ def normal_form(
 ) -> NormalForm:
     """Bring a model with outputs of relative degree two into Byrnes-Isidori normal form.
 
-    What must be zero (inputs in y, y', eta') is shown to be so for all states, parameters and
-    contact forces, in exact arithmetic.
+    Terms that must be zero (inputs in y, y', eta') are proven to be zero for all states,
+    parameters and contact forces, in exact arithmetic.
 
     Parameters
     ----------

@@ -44,11 +44,11 @@ class SteadyState:
     x : ndarray, shape (n_x,)
         State.
     residual : float
-        Largest rate left, over the usual size of its state.
+        Largest remaining rate, relative to the nominal size of its state.
     eigenvalues : ndarray of complex, shape (n_x,)
         Eigenvalues of the Jacobian of the rates, largest real part first.
     p : ndarray
-        Parameters and inputs it was found for.
+        Parameters and inputs of the steady state.
 
     Examples
     --------
@@ -175,9 +175,9 @@ def steady_states(
 ) -> tuple[SteadyState, ...]:
     """Find the steady states of an autonomous model in a box.
 
-    Newton's method from many points that fill the box evenly, and smaller ones around its middle
-    (R_d sequence of M. Roberts, 2018). What it finds are steady states; that there are no others
-    is likely, not proven. `continue_branch` leads to others that hang together with them.
+    Newton's method starts from many points that fill the box evenly, and smaller boxes around its
+    middle (R_d sequence of M. Roberts, 2018). All results are steady states, but completeness is
+    not proven. `continue_branch` finds other states that are connected to them.
 
     Parameters
     ----------

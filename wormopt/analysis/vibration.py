@@ -40,20 +40,20 @@ _built: WeakKeyDictionary[Model, ca.Function] = WeakKeyDictionary()
 
 @dataclass(frozen=True, eq=False)
 class VibrationModes:
-    """Natural vibrations, slow ones first.
+    """Natural vibrations, the slowest first.
 
     Parameters
     ----------
     frequencies : ndarray, shape (count,)
-        In Hz if the model is in SI units; 0 of motions that nothing resists, or so little that
-        rounding hides it.
+        In Hz if the model is in SI units; 0 for rigid-body motions and for stiffness below
+        rounding.
     shapes : dict of str to ndarray, shape (size, count)
-        By the names of the places; one column per frequency, of unit modal mass.
+        By the names of the positions; one column per frequency, of unit modal mass.
     residual : float
         Largest |K s - w² M s| over the size of K and s, of all of them.
     rounding : float
-        Frequency below which rounding hides everything. One of f may be off by a share of
-        (rounding / f)²: slender bodies, far stiffer along than across, ask for that look.
+        Frequency below which rounding errors dominate. The relative error of a frequency f may be
+        (rounding / f)², which matters for slender bodies.
 
     Examples
     --------
@@ -86,18 +86,19 @@ def vibration_modes(
     count: int = 8,
     rigid: int | None = None,
 ) -> VibrationModes:
-    """Find the slowest natural vibrations.
+    """Find the slowest natural vibrations of a model about a state of rest.
 
     Parameters
     ----------
     model : Model
-        Its states are places and then their rates; its outputs ``strain_energy`` and
-        ``kinetic_energy`` say how it resists and how heavy it is.
+        Its states are positions and then their rates; its outputs ``strain_energy`` and
+        ``kinetic_energy`` give stiffness and mass.
     held : mapping of str to sequence of int, optional
-        Which entries of which places do not move: of a rod ``{"across": [0, -1]}`` pins both ends.
+        Entries of positions that are held, by name: for a rod ``{"across": [0, -1]}`` pins both
+        ends.
     x0 : mapping of str to array_like, optional
-        State about which it vibrates, where it is not the model's own; at rest, and such that no
-        elastic force is left but on what is held.
+        State about which it vibrates, if not that of the model. It is at rest, and elastic forces
+        act only on held entries.
     p : mapping of str to array_like, optional
         Parameters by name, where they are not the model's own.
     count : int, optional
@@ -113,8 +114,8 @@ def vibration_modes(
     Raises
     ------
     ArgumentError
-        If the states are not places and rates, something held does not exist, a place has no mass,
-        or the state is not a stable one.
+        If the states are not positions and rates, a held entry does not exist, a position has no
+        mass, or the state is not stable.
     UnknownNameError
         If the model has no such outputs.
     SolveError

@@ -228,7 +228,7 @@ def add_sweep(commands: Any) -> None:
         "--keep",
         choices=("results", "scalars"),
         default="results",
-        help="what is saved of each point (default: %(default)s)",
+        help="data to save for each point (default: %(default)s)",
     )
     command.add_argument("--show", metavar="NAME,...", help="scalars that the picture shows")
     add_options(command)

@@ -213,7 +213,7 @@ def add_help(commands: Any) -> None:
     """Add the commands to a parser's."""
     command = commands.add_parser(
         "help",
-        help="show the keys of a kind of scene and what its results hold",
+        help="show the keys of a kind of scene and the contents of its results",
         description="Show the reference page of a kind of scene: keys, scalars and variables. "
         "Output to a pipe or file is Markdown.",
         allow_abbrev=False,

@@ -25,7 +25,7 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
     Parameters
     ----------
     plant : Model
-        With at least one input.
+        Model with at least one input.
     inputs : Gait
         Inputs from time 0 on, one row per scalar input in the order of ``plant.u``. They may jump
         at breaks.

@@ -31,15 +31,15 @@ class Estimation:
     names : tuple of str
         Parameters of the model, above 0.
     window : int
-        Arcs that it reaches back.
+        Number of past arcs in the window.
     noise : float
         Standard deviation of a measured state, in nominal sizes.
     spread : float
         Standard deviation of a parameter's prior, as a share of the parameter.
     memory : float
-        Arcs after which what slid out of the window counts 1/e.
+        Number of arcs after which information outside the window has the weight 1/e.
     steps : int
-        Steps of Gauss and Newton for each new state.
+        Gauss-Newton steps for each new state.
 
     Raises
     ------

@@ -135,7 +135,7 @@ def funnel_tracker(
     feedforward : FeedForward, optional
         Force added to the controller's.
     output, input : str, optional
-        Names of the plant's output that follows, or state, and of the input that is put in.
+        Names of the plant's output or state that follows the reference, and of the input.
 
     Returns
     -------
@@ -151,8 +151,8 @@ def funnel_tracker(
     ArgumentError
         If a number is out of range, the plant has no such output or input, sizes of plant and
         reference differ, forces act on the output's rate at once, the input accelerates the output
-        the wrong way, the plant starts outside a funnel, or the rate funnel is too narrow for the
-        other.
+        in the wrong direction, the plant starts outside a funnel, or the rate funnel is too narrow
+        for the other.
 
     Examples
     --------

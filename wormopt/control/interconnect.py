@@ -39,7 +39,7 @@ def controller_of(
     measured : sequence of str, optional
         Outputs of the plant, affine in its states, that the controller sees.
     input : str, optional
-        Name of the plant's input by which the loop was closed.
+        Name of the plant's input that the controller sets.
 
     Returns
     -------
@@ -50,8 +50,8 @@ def controller_of(
     Raises
     ------
     ArgumentError
-        If the loop is not around this plant or has switches or delays, the controller sees more
-        of it than what is measured, or that is not affine in the plant's states.
+        If the loop is not around this plant or has switches or delays, the controller uses more
+        than the measured outputs, or these are not affine in the plant's states.
     UnknownNameError
         If the plant has no such output.
 
@@ -114,8 +114,8 @@ def interconnect(
 ) -> Any:
     """Make an interconnection of control systems of a closed loop: the plant and its controller.
 
-    Either is a control.NonlinearIOSystem, joined by the names of what is measured and of the
-    input, so that parts can be exchanged, opened or analysed by python-control's own tools.
+    Both are control.NonlinearIOSystem objects, connected by the names of the measured outputs and
+    the input, so python-control can exchange, open or analyse them.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def interconnect(
     measured : sequence of str, optional
         Outputs of the plant, affine in its states, that the controller sees.
     input : str, optional
-        Name of the plant's input by which the loop was closed.
+        Name of the plant's input that the controller sets.
     v_reg : float, optional
         Width of the smooth friction law, positive.
     p : mapping of str to array_like, optional

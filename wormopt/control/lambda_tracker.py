@@ -131,7 +131,7 @@ class Adaptation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """The chapter's law k' = gamma ([|e| - lambda]+)^2.
+    """Gain adaptation law k' = gamma ([|e| - lambda]+)^2 of Zimmermann et al. 2007.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class Quadratic:
 
 @dataclass(frozen=True, eq=False)
 class Exponent:
-    """The law k' = gamma [|e| - lambda]+ |e|^(r - 1).
+    """Gain adaptation law k' = gamma [|e| - lambda]+ |e|^(r - 1).
 
     Parameters
     ----------
@@ -327,9 +327,9 @@ def lambda_tracker(
     "filter", (14), u = -(k theta + (k theta)') and theta' = -k^2 theta + k^2 e, which needs no
     derivative of the output. |.| is the Euclidean norm. Neither do the other two:
 
-    - "difference" is (13) with (e(t) - e(t - h)) / h in place of e'; before time 0 the error was
-      what it is then. The loop is a delay equation. It is stable at high gain only while k h is
-      small against the inertia: unlike e', a difference does not bear every gain.
+    - "difference" is (13) with (e(t) - e(t - h)) / h in place of e'; before time 0 the error
+      equals its value at time 0. The loop is a delay equation. It is stable at high gain only
+      while k h is small against the inertia: unlike e', a difference does not allow every gain.
     - "backstepping" is a filter xi' = -xi + u of the input and
       u = -k e - (k^2 + |e|^2) k^4 (1 + |xi|^2) (xi + k e): Ye's way (Automatica 35, 109-119, 1999)
       in the form that Ilchmann, Ryan and Townsend gave it for relative degree two (SIAM J. Control
@@ -363,9 +363,10 @@ def lambda_tracker(
         Whether crossings of the tube are events of the model, so that solvers locate them. A
         `Decay` has these events anyway.
     output, input : str, optional
-        Names of the plant's output that follows, or state, and of the input that is put in.
+        Names of the plant's output or state that follows the reference, and of the input.
     any_sign : bool, optional
-        Whether an input that pushes the output the wrong way is taken too; the loop is unstable.
+        Whether an input that accelerates the output in the wrong direction is accepted; the loop
+        is then unstable.
 
     Returns
     -------
@@ -382,7 +383,7 @@ def lambda_tracker(
     ArgumentError
         If a number is out of range, the plant has no such output or input, or no ``stiffness``
         where rest lengths are moved, sizes of plant and reference differ, forces act on the
-        output's rate at once, or the input accelerates the output the wrong way.
+        output's rate at once, or the input accelerates the output in the wrong direction.
 
     Examples
     --------

@@ -145,9 +145,9 @@ _RATES = {"length": "speed", "angle": "angular_frequency", "share": "rate"}
 
 @dataclass(frozen=True, eq=False)
 class FeedForward:
-    """Force that would hold links of these numbers on the reference, c (y_ref - l0) + d y_ref'.
+    """Force that holds links with these parameters on the reference, c (y_ref - l0) + d y_ref'.
 
-    The numbers are what the controller believes, which need not be the worm's own.
+    These are the values that the controller assumes; they may differ from those of the worm.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ class FeedForward:
         Raises
         ------
         ArgumentError
-            If what is believed is not one finite number, or one for each link.
+            If an assumed value is not one finite number, or one per link.
 
         Examples
         --------
@@ -276,7 +276,7 @@ def _tracked(plant: Model, output: str) -> ca.SX:
     names = [part.name for part in (*plant.x, *plant.outputs)]
     if output not in names:
         raise ArgumentError(
-            f"{plant.name} has no output {output!r} that could follow the reference; write output= "
+            f"{plant.name} has no output {output!r} that can follow the reference; write output= "
             f"one of {', '.join(map(repr, names))}"
         )
     return plant[output]
@@ -507,9 +507,9 @@ def check_sign(plant: Model, output: str, input: str) -> None:  # noqa: A002
     listed = ", ".join(f"{part:.3g}" for part in np.sort(parts)[:_LISTED])
     if parts.max() < -least:
         raise ArgumentError(
-            f"{what} accelerates {output} the wrong way: the high-frequency gain d(y'')/du has the "
-            f"eigenvalues {listed} at the start, but a tracker needs positive ones; reverse the "
-            "sign of the input"
+            f"{what} accelerates {output} in the wrong direction: the high-frequency gain "
+            f"d(y'')/du has the eigenvalues {listed} at the start, but a tracker needs positive "
+            "ones; reverse the sign of the input"
         )
     raise ArgumentError(
         f"{what} does not accelerate all entries of {output} independently: the high-frequency "

@@ -29,7 +29,7 @@ def lqr(
     output: str = "length",
     input: str = "input",  # noqa: A002
 ) -> Model:
-    """Close the loop by linear feedback of error and rate, optimal for a plant as it is believed.
+    """Close the loop by linear-quadratic feedback of the error and its rate.
 
     Without contact the links of a chain follow M y'' + D y' + S y + f = u, where M^-1 = dy''/du
     is the high-frequency gain. With e = y - y_ref the controller is
@@ -59,13 +59,13 @@ def lqr(
         Q_0 and Q_1, positive semidefinite, and R, positive definite. A number, or one per
         link, is for the diagonal. Only their ratios matter.
     p : mapping of str to array_like, optional
-        The plant's parameters as the controller believes them, where they are not the model's
-        own. What varies in time counts as it is at time 0.
+        Parameters that the controller assumes, if they differ from those of the model.
+        Time-varying values are taken at time 0.
     feedforward : Gait, optional
         Inputs over time, optimal ones for example, instead of the computed feed-forward: from time
         0 on, repeated if the reference is, otherwise with their last value after the end.
     output, input : str, optional
-        Names of the plant's output that follows, or state, and of the input that is put in.
+        Names of the plant's output or state that follows the reference, and of the input.
 
     Returns
     -------

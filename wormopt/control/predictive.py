@@ -84,9 +84,9 @@ class MpcOptions:
     Parameters
     ----------
     horizon : int
-        Arcs that are looked ahead; what lies beyond counts to second order.
+        Number of arcs in the horizon; the cost beyond it is approximated to second order.
     steps : int
-        Most steps of sequential quadratic programming of a decision; 1 is the real-time iteration.
+        Largest number of SQP steps of a decision; 1 is the real-time iteration.
     tolerance : float
         Largest change of a variable, in nominal sizes, that ends a decision.
 
@@ -174,7 +174,7 @@ def plan_mpc(
     *,
     p: Mapping[str, ArrayLike] | None = None,
 ) -> MpcPlan:
-    """Find the optimal motion over the whole time from a guess, through all widths of the law.
+    """Find the optimal motion over the whole time, for all widths of the smoothed law in turn.
 
     Parameters
     ----------
@@ -193,14 +193,14 @@ def plan_mpc(
     Returns
     -------
     MpcPlan
-        The motion, its `inputs` at `times`, its `objective`, and what departing from it costs.
+        The motion, its `inputs` at `times`, its `objective`, and the cost of deviations from it.
 
     Raises
     ------
     ArgumentError
         If the problem or the mesh has another form.
     SolveError
-        If steps do not end.
+        If the iteration does not converge.
 
     Examples
     --------
@@ -429,10 +429,10 @@ def run_mpc(
     tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
     report: Report = silent,
 ) -> MpcRun:
-    """Let a worm of parameters `p`, which the plan need not know, move by decisions.
+    """Simulate a worm under predictive control; its parameters may differ from those of the plan.
 
-    States are measured as they are, at every node of the plan; the input changes at once, and is
-    cut to the bounds that the worm's inputs have.
+    States are measured exactly at every node of the plan. The input changes immediately and is
+    clipped to the bounds of the worm's inputs.
 
     Parameters
     ----------
@@ -445,7 +445,7 @@ def run_mpc(
     estimation : Estimation, optional
         Parameter estimation during the motion; none if left out.
     p : mapping of str to array_like, optional
-        Parameters of the worm where they are not its own.
+        Parameters of the worm that differ from those of its model.
     contact : Treatment
         Treatment of the worm's contact in the simulation, exact or smooth.
     tolerance : Tolerance

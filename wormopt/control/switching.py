@@ -38,19 +38,19 @@ def switching_tracker(
 ) -> Model:
     """Close the loop by a linear compensator whose gain jumps up until it is high enough.
 
-    In the manner of Miller and Davison (IEEE Trans. Autom. Control 36(1), 68-81, 1991): error
-    within the tube after a time, and overshoot, both prescribed and as small as one likes, for
-    plants of minimum phase, by linear compensators between which a mechanism switches. The paper
-    was not at hand; what follows is a reading of what others say of it.
+    In the manner of Miller and Davison (IEEE Trans. Autom. Control 36(1), 68-81, 1991): a
+    mechanism switches between linear compensators for minimum-phase plants, so that the error is
+    within the tube after a prescribed time, with a prescribed overshoot, both as small as
+    required. The paper was not available; this follows descriptions of it in other papers.
 
-    Trial i = 0, 1, ... begins at t_i with k = gain_start factor^i and the compensator
-    theta' = k^2 (e - theta), u = -(k^2 theta + k theta'): in the limit of high gain
-    e'' + k e' + k^2 e = 0 times the high-frequency gain, which settles as fast as k says. Its
-    bound on |e| is b_i = max(|e(t_i)|, lambda) + delta_i until t_i + T_i, then lambda. Where |e|
-    leaves the bound the next trial begins. With q = factor^(-1/2), T_i = settling (1 - q) q^i
-    and delta_i = overshoot (1 - q) q^i sum up to what is prescribed, and k_i T_i grows beyond
-    bounds. So |e| never exceeds max(|e(0)|, lambda) + overshoot, and is outside of the tube for
-    no longer than ``settling`` in all.
+    Trial i = 0, 1, ... begins at t_i with k = gain_start factor^i and the compensator theta' = k^2
+    (e - theta), u = -(k^2 theta + k theta'): in the limit of high gain e'' + k e' + k^2 e = 0
+    times the high-frequency gain, which settles at a rate proportional to k. Its bound on |e| is
+    b_i = max(|e(t_i)|, lambda) + delta_i until t_i + T_i, then lambda. Where |e| leaves the bound
+    the next trial begins. With q = factor^(-1/2), T_i = settling (1 - q) q^i and delta_i =
+    overshoot (1 - q) q^i sum to the prescribed values, and k_i T_i is unbounded. So |e|
+    never exceeds max(|e(0)|, lambda) + overshoot, and is outside of the tube for no longer than
+    ``settling`` in all.
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ def switching_tracker(
     tube_radius : float
         Radius lambda of the tube, positive.
     settling : float
-        Time that all trials together have to settle, positive.
+        Settling time of all trials together, positive.
     overshoot : float
         By how much |e| may exceed its start, or lambda, at most; positive.
     gain_start : float, optional
         Gain of the first trial, positive.
     factor : float, optional
-        Each gain over the one before, above 1.
+        Ratio of each gain to the previous one, above 1.
     filter_start : array_like, shape (n,), optional
         The compensator's theta at the start; the error then, if left out.
     actuator : {"force", "rest_length"}, optional
@@ -76,7 +76,7 @@ def switching_tracker(
     feedforward : FeedForward, optional
         Force added to the tracker's.
     output, input : str, optional
-        Names of the plant's output that follows, or state, and of the input that is put in.
+        Names of the plant's output or state that follows the reference, and of the input.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def switching_tracker(
     ArgumentError
         If a number is out of range, the plant does not say where it starts, it has no such output
         or input, sizes of plant and reference differ, forces act on the output's rate at once, or
-        the input accelerates the output the wrong way.
+        the input accelerates the output in the wrong direction.
 
     Examples
     --------

@@ -53,12 +53,12 @@ def export(
     rest: bool = False,
     force: bool = False,
 ) -> tuple[Path, ...]:
-    """Write what was found for other tools, all files or none.
+    """Export a result, gait or model to other tools; all files are written, or none.
 
     Parameters
     ----------
     what : Result, Gait or Model
-        A Result goes to all formats, as far as it holds what they need; a Gait to "c", "arduino"
+        A Result can be written in all formats for which it has the data; a Gait to "c", "arduino"
         and "ros", a Model to "fmu".
     formats : {"csv", "parquet", "mat", "hdf5", "c", "arduino", "ros", "fmu", "mjcf", "urdf"}, \
             or several of them
@@ -78,7 +78,7 @@ def export(
     cycles : int, optional
         Cycles of the gait in a ROS trajectory.
     columns : sequence of str, optional
-        Signals in tables, "length" or "length_0" say, besides time; all by default.
+        Signals in tables, for example "length" or "length_0", besides time; all by default.
     whole_steps : bool, optional
         Whether the gait is slowed down so that a cycle is a whole number of steps. A table
         then holds one closed cycle of the gait: lengths, rates and accelerations.
@@ -86,7 +86,7 @@ def export(
         Whether a ROS trajectory begins and ends at rest: time runs slower in the first and the
         last half cycle.
     force : bool, optional
-        Whether earlier exports of the same names are replaced; never what others made.
+        Whether earlier exports of wormopt with the same names are replaced; other files never are.
 
     Returns
     -------
@@ -96,13 +96,13 @@ def export(
     Raises
     ------
     ArgumentError
-        If `what` cannot be written so, a number makes no sense, an option changes none of the
-        formats, a package is missing (extras ``parquet`` and ``hdf5``), or an FMU cannot be
+        If a format does not support `what`, a value is not allowed, an option applies to none of
+        the formats, a package is missing (extras ``parquet`` and ``hdf5``), or an FMU cannot be
         compiled.
     SceneError
         If the model of a result cannot be built again.
     OutputError
-        If something is in the way or cannot be written.
+        If a file exists already or cannot be written.
 
     Examples
     --------

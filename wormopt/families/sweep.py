@@ -59,13 +59,12 @@ def sweep(
     points, seed : int, optional
         Number of drawn points, and the seed of their generator.
     overrides : str, mapping, or iterable of them
-        Changes of the scene that all points share, as for `load_scene`.
+        Changes of the scene for all points, as for `load_scene`.
     store : path, optional
         Folder that keeps the result of every point in a file named by a hash of everything it
-        depends on. No sweep or machine computes a point again that is there. By default nothing
-        is kept.
+        depends on. Sweeps on any machine reuse the stored points. By default nothing is stored.
     keep : {"results", "scalars"}
-        What is stored of a point: everything, or no arrays.
+        Data to store for each point: everything, or scalars without arrays.
     engine : Engine, optional
         Where points are computed; processes of this machine if left out.
     report : callable

@@ -72,7 +72,7 @@ class Choice(ABC):
 
     @abstractmethod
     def put(self, model: Model) -> Model:
-        """Put the choice for the signal of a model; the model's own value is where it starts.
+        """Return the model with its signal replaced by the choice.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class Choice(ABC):
 
     @abstractmethod
     def values(self, chosen: np.ndarray) -> tuple[Values, Values]:
-        """Parameters and schedules by name, of the model that `put` made.
+        """Values of the parameters and schedules of the model that `put` returns, by name.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class Choice(ABC):
         """
 
     def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much limits are exceeded, as a share of each; those from -1 to 1 are left out.
+        """Relative excess over each limit, without the limits -1 and 1 of the chosen values.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class Choice(ABC):
         """
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
-        """The chosen numbers in their own units, by name; none of signals over time.
+        """Chosen constants in their own units, by name; empty for signals over time.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class Constant(Choice):
     lower, upper : float
         Limits.
     direction : sequence of float
-        Factor of the number for each entry of the signal; 1 by default.
+        Factor of the constant for each entry of the signal; 1 by default.
 
     Raises
     ------
@@ -312,7 +312,7 @@ _LOOKS = 32
 
 @dataclass(frozen=True, eq=False)
 class Ramps(Choice):
-    """A signal that is linear between equidistant knots, and begins at the signal's own value.
+    """A piecewise linear signal with equidistant knots that starts at the model's value.
 
     Limits hold exactly at all times.
 
@@ -321,20 +321,20 @@ class Ramps(Choice):
     signal : str
         Input or parameter of the model.
     base : sequence of float
-        Value of each entry at time 0, about which it changes.
+        Value of each entry at time 0.
     duration : float
-        Until the last knot; the value of that is held afterwards.
+        Time of the last knot, whose value is held afterwards.
     pieces : int
         Pieces between knots.
     change : float
-        Largest change from the base, either way.
+        Largest change from the base, in both directions.
     rate : float, optional
         Largest rate of change.
 
     Raises
     ------
     ArgumentError
-        If a number is not positive, or pieces not whole.
+        If an argument is not positive, or `pieces` is not an integer.
 
     Examples
     --------
@@ -406,30 +406,30 @@ class Ramps(Choice):
 
 @dataclass(frozen=True, eq=False)
 class Waves(Choice):
-    """A signal of a few harmonics that begins at the signal's own value.
+    """A signal of a few harmonics that starts at the model's value.
 
-    Entry j is base_j + sum_k a_jk (cos k w t - 1) + b_jk sin k w t. Limits hold at all times,
-    half a hundredth of them is given away for it.
+    Entry j is base_j + sum_k a_jk (cos k w t - 1) + b_jk sin k w t. Limits hold at all times; for
+    this they are tightened by 0.5 %.
 
     Parameters
     ----------
     signal : str
         Input or parameter of the model.
     base : sequence of float
-        Value of each entry at time 0, about which it changes.
+        Value of each entry at time 0.
     frequency : float or (float, float)
         Frequency of the first harmonic, in turns per time, or a range for it.
     harmonics : int
         Number of harmonics.
     change : float
-        Largest change from the base, either way.
+        Largest change from the base, in both directions.
     rate : float, optional
         Largest rate of change.
 
     Raises
     ------
     ArgumentError
-        If a number is not positive, a range empty, or harmonics not whole.
+        If an argument is not positive, a range is empty, or `harmonics` is not an integer.
 
     Examples
     --------

@@ -87,13 +87,13 @@ class Fit:
     offset : float
         Distance from the minimum, in standard errors: length of the next step over sqrt(n).
     converged : bool
-        Whether that is nothing, and the best start is not alone.
+        Whether `offset` is negligible and more than one start reached the minimum.
     reason : str
         Reason if the search has not converged; empty otherwise.
     starts : tuple of Attempt
-        Where every start ended, the best first.
+        Results from all starts, the best first.
     estimated : tuple of str
-        Signals of which the noise was estimated.
+        Signals with estimated noise.
     warnings : tuple of str
         Warnings about recordings and result.
 
@@ -158,19 +158,20 @@ class Fit:
         return {b.signal: self.task.deviation(b.run, b.signal) for b in self.task.blocks}
 
     def continuity(self, nodes: int = 6) -> float:
-        """Measure the discontinuity of the motions found.
+        """Return the largest jump between simulations that are restarted along the fitted motion.
 
         Parameters
         ----------
         nodes : int, optional
-            At how many readings each run is cut.
+            Number of readings at which each run is restarted.
 
         Returns
         -------
         float
-            Largest jump between stretches that start on the motion found, in usual sizes of the
-            states: what errors of simulation grow to within a stretch. Large where a motion soon
-            goes elsewhere; then many nodes help, and errors are to be taken with care.
+            Largest jump between stretches that start on the fitted motion, in nominal sizes of the
+            states. It shows how far simulation errors grow within a stretch. If it is large,
+            neighbouring motions separate quickly: use more nodes, and do not rely on the standard
+            errors.
 
         Raises
         ------

@@ -42,7 +42,7 @@ class Experiment:
         Standard deviation of the noise of each state or output that is measured: of all its
         entries, independent from sample to sample.
     times : array_like, shape (m,)
-        When it is measured, ascending, not before 0, where the run begins.
+        Times of the measurements, ascending, not before 0, the start of the run.
     choices : sequence of Ramps, Waves and Constant
         Inputs over time and numbers that may be chosen.
     limits : mapping of str to (float, float), optional
@@ -146,7 +146,7 @@ class Experiment:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the n numbers that are unknown."""
+        """Names of the n unknown entries."""
         return tuple(name for name, *_ in self._numbers)
 
     @property
@@ -156,7 +156,7 @@ class Experiment:
 
     @property
     def values(self) -> np.ndarray:
-        """Their values in the model (n,)."""
+        """Values of the unknown entries in the model, shape (n,)."""
         return np.array([value for _, _, value, _ in self._numbers])
 
     @property
@@ -213,7 +213,7 @@ class Experiment:
         tolerance: Tolerance = _TOLERANCE,
         route: Route = "auto",
     ) -> Run:
-        """Run it in the simulator.
+        """Simulate the experiment with derivatives along the unknowns.
 
         Parameters
         ----------
@@ -222,7 +222,7 @@ class Experiment:
         tolerance : Tolerance, optional
             Tolerance of the simulation.
         route : {"auto", "native", "python", "cvodes"}, optional
-            By which integrator.
+            Integrator, see `simulate`.
 
         Returns
         -------
@@ -231,7 +231,7 @@ class Experiment:
         Raises
         ------
         SolveError
-            If the motion cannot be followed.
+            If the motion cannot be simulated.
         """
         motion = self._simulated(
             chosen, self.instants, tolerance=tolerance, route=route, sensitivities=self.directions
@@ -245,14 +245,14 @@ class Experiment:
         return Run(motion, jacobian, self.limited(chosen, _LOOKS), known)
 
     def motion(self, chosen: np.ndarray, times: np.ndarray) -> Trajectory:
-        """Simulate it without derivatives.
+        """Simulate the experiment without derivatives.
 
         Parameters
         ----------
         chosen : ndarray, shape (size,)
             Chosen values.
         times : ndarray, shape (m,)
-            When to sample it, from 0 on, to the end.
+            Sample times, from 0 to the end.
 
         Returns
         -------
@@ -261,7 +261,7 @@ class Experiment:
         Raises
         ------
         SolveError
-            If the motion cannot be followed.
+            If the motion cannot be simulated.
         """
         return self._simulated(chosen, times, tolerance=_TOLERANCE)
 
@@ -273,7 +273,7 @@ class Experiment:
         )
 
     def seen(self, chosen: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        """Simulate measurements over their deviations, with shifted unknowns.
+        """Simulate measurements, divided by their standard deviations, with shifted unknowns.
 
         Parameters
         ----------
@@ -319,7 +319,7 @@ class Experiment:
         return self.run(chosen).known
 
     def criterion(self, kind: Literal["D", "A"], wanted: Sequence[str] | None = None) -> Criterion:
-        """Criterion of small relative errors of some unknowns; the others are nuisances.
+        """Criterion of small relative errors of wanted unknowns, with the others as nuisances.
 
         Parameters
         ----------
@@ -413,16 +413,16 @@ def mean_rate(
     *,
     entry: int = 0,
 ) -> Criterion:
-    """Criterion of a small variance of the mean rate of a state or output in some motion.
+    """Criterion of a small variance of the predicted mean rate of a state or output in a motion.
 
     Parameters
     ----------
     experiment : Experiment
         Experiment with the unknowns.
     model : Model
-        Model of that motion, with the same unknowns: the same worm under another gait.
+        Model of the motion, with the same unknowns, for example the same worm under another gait.
     output : str
-        Name of a state or output; of the mean speed it is that of the place.
+        Name of a state or output; for the mean speed, that of the position.
     span : (float, float)
         First and last time.
     entry : int, optional
@@ -435,7 +435,7 @@ def mean_rate(
     Raises
     ------
     SolveError
-        If the motion cannot be followed.
+        If the motion cannot be simulated.
     ArgumentError
         If the prediction depends on none of the unknowns.
 

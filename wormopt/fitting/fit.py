@@ -314,7 +314,7 @@ def fit(
     seed: int = 0,
     report: Report = silent,
 ) -> Fit:
-    """Find the numbers with which a model reproduces recordings best.
+    """Estimate the parameters of a model from recordings.
 
     Parameters
     ----------
@@ -324,12 +324,12 @@ def fit(
         Largest number of starts: the first is the given one, the others are distributed around
         it within the bounds.
     enough : int, optional
-        Number of starts that must end at the best fit, leaving only noise, to end the search.
-        Where they leave more, all are tried.
+        The search ends when this number of starts has ended at the best fit with only noise left.
+        Otherwise all starts are tried.
     nodes : int, optional
-        Number of readings at which each run is cut for the descent of the starts (multiple
-        shooting): many for long or sensitive motions, 0 for none. By default every third start
-        is treated so, if the readings determine all states.
+        Number of readings at which each run is restarted (multiple shooting): many for long or
+        sensitive motions, 0 for none. By default every third start uses it, if the readings
+        determine all states.
     seed : int, optional
         Seed of the random starts.
     report : callable, optional
@@ -338,16 +338,16 @@ def fit(
     Returns
     -------
     Fit
-        Not `converged` where it did not come to the bottom, or leaves more than noise and the
-        best start is alone, or half of the numbers are at bounds. Other residuals that are no
-        noise are warnings: the model may lack something, and all starts were tried.
+        It is not `converged` if the search did not reach a minimum, if only one start reached the
+        best fit and its residuals exceed the noise, or if half of the unknowns are at bounds.
+        Otherwise residuals above the noise cause a warning: the model may be incomplete.
 
     Raises
     ------
     ArgumentError
-        If something is of another kind than it should be.
+        If an argument has the wrong type.
     SolveError
-        If no start leads anywhere; the reason is that of the first.
+        If no start can be simulated; the message gives the reason of the first.
     Interrupted
         If the user stopped it; `partial` is the best fit so far, None before there is one.
 

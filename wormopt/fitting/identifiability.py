@@ -279,18 +279,18 @@ def identifiability(found: Fit) -> Identifiability:
     Returns
     -------
     Identifiability
-        With every combination of unknowns that has no effect, and whether that holds along products
-        or sums (tried by simulations at a distance) or to first order only.
+        All combinations of unknowns without effect. Each holds globally along products or sums, as
+        distant simulations confirm, or only to first order.
 
     Raises
     ------
     ArgumentError
-        If it is no fit.
+        If `found` is not a Fit.
 
     Notes
     -----
     Structural: a singular value that is not above its error, by Weyl's inequality. Practical: an
-    error as large as the unknown. Both are of one point; `profile` looks farther. L. Ljung, System
+    error as large as the unknown. Both are local; `profile` is not. L. Ljung, System
     Identification, 2nd ed., 1999, section 4; A. Raue et al., Bioinformatics 25 (2009) 1923.
 
     Examples

@@ -186,14 +186,14 @@ class Whiteness:
 
 
 def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
-    """Test whether residuals of a fit look like white normal noise of the size said.
+    """Test whether the residuals of a fit are white normal noise of the stated size.
 
     Parameters
     ----------
     found : Fit
-        Numbers found. Residuals are taken without the loss.
+        The fit. Residuals are taken without the loss.
     level : float, optional
-        Chance of a false alarm in all tests together (Bonferroni).
+        Probability of a false alarm over all tests (Bonferroni).
 
     Returns
     -------
@@ -204,7 +204,7 @@ def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
     Raises
     ------
     ArgumentError
-        If it is no fit, or the level is not between 0 and 1.
+        If `found` is not a Fit, or the level is not between 0 and 1.
 
     Notes
     -----

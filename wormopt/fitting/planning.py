@@ -52,11 +52,11 @@ class Plan:
     experiment : Experiment
         The planned experiment.
     criterion : Criterion
-        By what it was judged.
+        Criterion of the search.
     chosen : ndarray, shape (size,)
-        Chosen numbers, choice by choice.
+        Chosen values, choice by choice.
     run : Run
-        Its run.
+        Run of the chosen values.
     rivals : tuple of Rival
         Experiments drawn at random within the same limits, the best first.
     ends : tuple of float
@@ -96,7 +96,7 @@ class Plan:
 
     @property
     def known(self) -> Knowledge:
-        """Information after it."""
+        """Information after the planned experiment."""
         return self.run.known
 
     @property
@@ -105,7 +105,7 @@ class Plan:
         return self.criterion(self.known)
 
     def shrinks(self, other: Knowledge) -> float:
-        """Ratio of another's confidence region, or error, to this one's.
+        """Ratio of the confidence region, or error, of other knowledge to that of this plan.
 
         Parameters
         ----------
@@ -129,10 +129,10 @@ def plan_experiment(
     seed: int = 0,
     report: Report = silent,
 ) -> Plan:
-    """Find the run within the limits that determines the wanted numbers best.
+    """Find the experiment within the limits that identifies the wanted unknowns best.
 
-    Experiments are drawn at random, each as large as the limits allow; from the best of them on,
-    sequential quadratic programs (SLSQP) with slopes by differences of exact sensitivities.
+    Experiments are drawn at random, each as large as the limits allow. SLSQP then improves the
+    best of them; its gradients are differences of exact sensitivities.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def plan_experiment(
     rivals : int, optional
         Number of random experiments.
     starts : int, optional
-        Number of the best of them from which the search begins.
+        Number of the best random experiments from which the search starts.
     seed : int, optional
         Seed of the random numbers.
     report : callable, optional

@@ -169,7 +169,7 @@ def posterior(
     seed: int = 0,
     report: Report = silent,
 ) -> Posterior:
-    """Draw the unknowns of a fit at random, by their probability given the readings.
+    """Draw samples from the posterior distribution of the unknowns of a fit.
 
     The probability is that of normal noise, or of noise according to the loss, times the priors.
     Without a prior all values of a coordinate between its bounds are equally probable (of the
@@ -178,11 +178,11 @@ def posterior(
     Parameters
     ----------
     found : Fit
-        Numbers found, around which to begin.
+        Fit, near which the chains start.
     draws, tune : int, optional
         Numbers of kept draws and of adaptation draws, per chain.
     chains : int, optional
-        At least two, which are compared.
+        Number of chains, at least two; they are compared.
     seed : int, optional
         Seed of the random numbers.
     report : callable, optional
@@ -191,15 +191,15 @@ def posterior(
     Returns
     -------
     Posterior
-        With what speaks against the draws in `doubts`.
+        Draws, with convergence problems listed in `doubts`.
 
     Raises
     ------
     ArgumentError
         If nutpie is not installed, a number is too small, or an unknown without bounds has no
-        effect on the readings, so that there is no such probability.
+        effect on the readings, so the posterior does not exist.
     SolveError
-        If the sampler finds nowhere to begin.
+        If the sampler finds no valid start.
     Interrupted
         If the user stopped it; `partial` is the posterior of the draws made so far, None before
         there are any.

@@ -95,31 +95,29 @@ class Prediction:
 
 
 def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Prediction:
-    """Predict a run that was kept aside, and compare.
+    """Predict a run that the fit did not use, and compare it with its recording.
 
     Parameters
     ----------
     found : Fit
-        Numbers found on other runs.
+        Fit to other runs.
     recording : Recording
-        The run. Unknowns that every run has for itself are fitted to it, with all others as they
-        were found.
+        The run. Unknowns with ``per_run`` are fitted to it; all others keep their estimates.
     level : float, optional
-        Share of readings that the band shall hold.
+        Share of the readings that the band should contain.
 
     Returns
     -------
     Prediction
-        With bands to first order: the covariance of the fit, carried on by derivatives of the
-        motion, and noise.
+        Prediction with first-order bands, from the covariance of the fit and the noise.
 
     Raises
     ------
     ArgumentError
-        If the level is not between 0 and 1, or the run does not fit the model or leaves nothing
-        to compare.
+        If the level is not between 0 and 1, the run does not fit the model, or it has too few
+        readings.
     SolveError
-        If its motion cannot be followed.
+        If the motion cannot be simulated.
 
     Examples
     --------

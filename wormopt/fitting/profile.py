@@ -198,12 +198,12 @@ def profile(
     level: float = 0.95,
     report: Report = silent,
 ) -> dict[str, Profile]:
-    """Find confidence intervals that need not be symmetric, by fits along each unknown.
+    """Compute profile-likelihood confidence intervals, which need not be symmetric.
 
     Parameters
     ----------
     found : Fit
-        Numbers found.
+        The fit.
     names : sequence of str, optional
         Names of unknowns; all if left out.
     level : float, optional
@@ -214,8 +214,8 @@ def profile(
     Returns
     -------
     dict of str to Profile
-        By the names of the unknowns. Priors count as readings do; of robust losses the intervals
-        are only as good as the loss describes the noise.
+        By the names of the unknowns. Priors count like readings. With a robust loss the intervals
+        are valid only if the loss describes the noise.
 
     Raises
     ------

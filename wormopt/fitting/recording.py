@@ -118,20 +118,19 @@ class Recording:
     Parameters
     ----------
     time : array_like, shape (m,)
-        When, ascending; steps may differ. Dates count from the first, in s.
+        Times, ascending; steps may differ. Dates are converted to seconds since the first.
     values : mapping of str to array_like, shape (size, m) or (m,), or a table
-        Readings of states and outputs of the model by name, NaN where there is none: a gap, or
-        an entry without a sensor. What is masked is a gap. A pandas DataFrame with columns
-        `position_0`, `position_1` and an xarray Dataset are taken too; units that they state are
-        converted to SI.
+        Readings of states and outputs of the model by name; NaN marks a gap, or an entry without a
+        sensor. Masked values are gaps. A pandas DataFrame with columns `position_0`, `position_1`
+        and an xarray Dataset are accepted too; their units are converted to SI.
     noise : mapping of str to float, optional
         Standard deviation of the readings of a signal, where it is known.
     x0 : mapping of str to array_like, optional
-        Start of states where it is known and not the model's own.
+        Start values of states that are known and differ from those of the model.
     p : mapping of str to array_like, optional
-        Parameters and inputs of this run where they are not the model's own.
+        Parameters and inputs of this run that differ from those of the model.
     schedules : mapping of str to ndarray, optional
-        Values of schedules in this run where they are not the model's own.
+        Values of schedules in this run that differ from those of the model.
     span : (float, float), optional
         First and last time of the motion; those of the readings if left out. It starts from ``x0``
         at the first.

@@ -231,7 +231,7 @@ class FitTask:
 
     Residuals are (model - reading) / standard deviation, one row for each reading, passed through
     the loss; then (coordinate - mean) / deviation for each prior. Half their sum of squares is the
-    cost. A coordinate is the number itself, or its logarithm if the unknown has `log`.
+    cost. A coordinate is the value of an unknown, or its logarithm if the unknown has `log`.
 
     Parameters
     ----------
@@ -332,11 +332,11 @@ class FitTask:
 
     @property
     def nominal(self) -> np.ndarray:
-        """Usual sizes of ``theta``, (n,), by which to scale it; 1 for a logarithm."""
+        """Nominal sizes of ``theta``, (n,), which scale it; 1 for a logarithm."""
         return np.array([c.nominal for c in self.coordinates])
 
     def values(self, theta: np.ndarray) -> np.ndarray:
-        """Turn coordinates into the numbers themselves.
+        """Convert coordinates to values of the unknowns.
 
         Parameters
         ----------
@@ -350,7 +350,7 @@ class FitTask:
         return np.array([c.value(t) for c, t in zip(self.coordinates, theta, strict=True)])
 
     def slopes(self, theta: np.ndarray) -> np.ndarray:
-        """Derivative of each number by its coordinate.
+        """Derivative of each value with respect to its coordinate.
 
         Parameters
         ----------
@@ -390,13 +390,13 @@ class FitTask:
         Returns
         -------
         float
-            A rough one, from how readings scatter from one to the next, where nobody says.
+            A rough estimate from the differences of neighbouring readings if it is not given.
         """
         own = self.recordings[run].noise or {}
         return float(own[signal]) if signal in own else self.level(signal)
 
     def level(self, signal: str) -> float:
-        """Standard deviation of a signal where recordings give none.
+        """Standard deviation of a signal in recordings that do not give it.
 
         Parameters
         ----------
@@ -419,7 +419,7 @@ class FitTask:
         return {signal: float(np.median(sizes)) for signal, sizes in found.items()}
 
     def with_noise(self, noise: Mapping[str, float]) -> FitTask:
-        """Make the same task with other standard deviations where recordings give none.
+        """Return the task with other standard deviations for recordings that give none.
 
         Parameters
         ----------
@@ -507,7 +507,7 @@ class FitTask:
         Raises
         ------
         SolveError
-            If a motion could not be followed.
+            If a motion cannot be simulated.
         """
         plain, slopes = self.plain(theta)
         r, steep = robust(plain[: self.count], self.loss)
@@ -515,7 +515,7 @@ class FitTask:
         return np.append(r, plain[self.count :]), steep[:, None] * slopes
 
     def misfit(self, theta: np.ndarray) -> np.ndarray:
-        """Give the residuals alone, which is cheaper.
+        """Return the residuals without their Jacobian, which is cheaper.
 
         Parameters
         ----------
@@ -587,17 +587,17 @@ class FitTask:
         return r, slopes
 
     def split(self, rows: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
-        """Arrange a number for each row by its reading.
+        """Arrange one value per row by run and signal.
 
         Parameters
         ----------
         rows : ndarray, shape (rows,)
-            Residuals, say; those of priors are left out.
+            For example residuals; rows of priors are left out.
 
         Returns
         -------
         dict of str to dict of str to ndarray
-            Run -> signal -> (size, m), NaN where nothing was read.
+            Run -> signal -> (size, m), NaN where there is no reading.
         """
         found: dict[str, dict[str, np.ndarray]] = {run.name: {} for run in self.runs}
         for block in self.blocks:

@@ -19,13 +19,12 @@ from wormopt.model.values import by_name, numbers, signal_values
 
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """An unknown number, or one for every entry of a signal.
+    """An unknown parameter, input or start value, or each entry of a signal.
 
-    Where targets are given, it is one number c, and every entry of a target is c times its
-    direction, summed over all unknowns that have it as a target; entries of direction 0 keep
-    their values. Without targets its name is that of a parameter, an input, a state (then its
-    start is meant) or a schedule, or of one entry, ``"stiffness[0]"``; every entry is a number of
-    its own then.
+    With targets, it is one value c, and each entry of a target is c times its direction, summed
+    over all unknowns with this target; entries of direction 0 keep their values. Without targets,
+    its name is that of a parameter, an input, a state (for its start value) or a schedule, or of
+    one entry, ``"stiffness[0]"``; each entry is then estimated separately.
 
     Parameters
     ----------
@@ -36,14 +35,13 @@ class Unknown:
     lower, upper : float or array_like, optional
         Bounds; the model's own if left out.
     start : float or array_like, optional
-        Where to begin; the value that the model or the recording brings if left out.
+        Start of the search; by default the value in the recording or the model.
     prior : (float, float) or pair of array_like, optional
-        Mean and standard deviation of what is known before, of the logarithm with ``log``.
+        Mean and standard deviation of the prior, of the logarithm with ``log``.
     per_run : bool, optional
-        Whether every run has its own.
+        Whether each run has its own value.
     log : bool, optional
-        Whether its logarithm is what is sought: for what is positive and known by order of
-        magnitude.
+        Whether the logarithm is estimated, for positive values known only by order of magnitude.
 
     Raises
     ------
@@ -92,7 +90,7 @@ class Unknown:
             raise ArgumentError(f"{self.name}: prior needs a finite mean and a positive deviation")
 
     def directions(self, model: Model) -> list[tuple[str, dict[str, np.ndarray]]]:
-        """Positions of its numbers in the model.
+        """Directions of the unknown in the signals of the model.
 
         Parameters
         ----------

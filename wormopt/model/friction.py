@@ -320,7 +320,7 @@ class Viscous(_TwoWay):
         return -self.drag * v
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
-        """Force -k v: there is nothing to regularise.
+        """Force -k v, which needs no regularisation.
 
         Parameters
         ----------

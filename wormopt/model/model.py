@@ -88,7 +88,7 @@ class Signal:
     nominal : float, optional
         Usual size, by which solvers scale it, positive.
     lower, upper : float, optional
-        Bounds that hold by the model's own nature; `TINY` below what must be positive. Values
+        Bounds of valid values; `TINY` is the lower bound of positive values. Values
         beyond them are refused.
     value : float or sequence of float, optional
         Start of a state, or value of a parameter or input, unless a solver gets another.
@@ -97,7 +97,7 @@ class Signal:
     ------
     ArgumentError
         If the symbol is no column of casadi.SX symbols, the unit is unknown, the nominal size is
-        not positive, the bounds are the wrong way round, or the value has another size.
+        not positive, the lower bound exceeds the upper one, or the value has another size.
 
     Examples
     --------
@@ -299,8 +299,8 @@ class Switch:
     name : str
         Name of the event.
     guard : casadi.SX
-        Scalar expression that rises through 0 at the event; continuous, but for what schedules,
-        impulses and other switches do to it.
+        Scalar expression that rises through 0 at the event; continuous, except at jumps by
+        schedules, impulses and other switches.
     reset : casadi.SX
         Column of the states after it.
     terminal : bool, optional
@@ -474,7 +474,7 @@ class Model:
         )
 
     def check_laws(self) -> None:
-        """Refuse numbers of friction laws by symbols that belong to none of the model's parts.
+        """Refuse friction laws with symbols that belong to no part of the model.
 
         A Model may lack them, as builders take laws before a Model takes their symbols.
 
@@ -517,7 +517,7 @@ class Model:
         return sum(s.size for s in self.x)
 
     def refuse_delays(self, what: str) -> None:
-        """Refuse signals of the past where they are not known.
+        """Refuse a model with delays in a method that does not support them.
 
         Parameters
         ----------
@@ -582,7 +582,7 @@ class Model:
         return tuple(self.x[: ends.index(half)])
 
     def breaks(self, end: float) -> np.ndarray:
-        """Times at which schedules go on to another piece.
+        """Times at which a schedule changes to its next piece.
 
         Parameters
         ----------

@@ -55,7 +55,7 @@ class PlanarLaw(Protocol):
         ...
 
     def gauge(self, force: ca.SX) -> ca.SX:
-        """Size of a force at rest against what the ground can hold.
+        """Size of a force at rest, relative to the largest force that the ground can hold.
 
         Parameters
         ----------
@@ -202,10 +202,10 @@ class _Ellipse:
 
 @dataclass(frozen=True)
 class Elliptic(_Ellipse):
-    """Dry friction whose slip is normal to the ellipse of forces: that of most power.
+    """Dry friction with an ellipse of forces and associated slip (maximum dissipation).
 
-    The force at velocity v is the one of the ellipse that resists it most, -(Ft² v_t, Fn² v_n)/psi
-    with the power psi = sqrt(Ft² v_t² + Fn² v_n²), where Ft is F+ ahead and F- back.
+    The force at velocity v is the point of the ellipse with the largest power, -(Ft² v_t, Fn²
+    v_n)/psi with the power psi = sqrt(Ft² v_t² + Fn² v_n²), where Ft is F+ ahead and F- back.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ class Elliptic(_Ellipse):
         Returns
         -------
         casadi.SX
-            It itself, or the point of the ellipse whose normal leads there.
+            `force` itself, or the point of the ellipse nearest to it.
         """
         squares = ca.vertcat(self.along(-force[0]) ** 2, ca.SX(self.sideways) ** 2)
         shift, near = ca.SX(0), force
@@ -296,7 +296,7 @@ class Elliptic(_Ellipse):
 
 @dataclass(frozen=True)
 class AnisotropicCoulomb(_Ellipse):
-    """Dry friction by the direction of motion alone, -(Ft v_t, Fn v_n)/|v|; not associated.
+    """Dry friction -(Ft v_t, Fn v_n)/|v|, which depends on the direction of slip; not associated.
 
     The law of Hu, Nirody, Scott and Shelley, PNAS 106 (2009) 10081, for snakes. It has the ellipse
     of `Elliptic` and assigns its forces to other velocities, so that no minimum principle holds

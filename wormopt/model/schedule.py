@@ -32,7 +32,7 @@ class Schedule:
     Parameters
     ----------
     name : str
-        What is scheduled, for instance ``"reference"``.
+        Name of the schedule, for instance ``"reference"``.
     symbol : casadi.SX
         Column of m symbols.
     begin : casadi.SX
@@ -264,7 +264,7 @@ class Delay:
     Parameters
     ----------
     name : str
-        What is remembered, for instance ``"past_error"``.
+        Name of the delayed signal, for instance ``"past_error"``.
     symbol : casadi.SX
         Column of m symbols for the past in the model's equations.
     signal : casadi.SX
@@ -274,13 +274,12 @@ class Delay:
         Lag, positive: a number, or an expression of the model's parameters.
     before : casadi.SX, optional
         Values of the signal before the start: a column of m expressions of time and parameters.
-        If left out it was what it is at the start.
+        By default the value at the start.
 
     Raises
     ------
     ArgumentError
-        If sizes disagree, what should be an expression is none, or the lag is not positive and
-        finite.
+        If sizes disagree, an expression is no casadi.SX, or the lag is not positive and finite.
 
     Examples
     --------

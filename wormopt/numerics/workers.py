@@ -48,7 +48,7 @@ class Engine:
     name : {"processes", "serial", "dask"}
         Processes of this machine, this process alone, or a Dask cluster.
     workers : int, optional
-        Number of workers; one per processor if left out. An existing cluster has its own.
+        Number of workers; one per processor if left out. An existing cluster uses its own workers.
     scheduler : str
         Address of a Dask cluster that is there, "tcp://node7:8786" say; without one a cluster
         of processes is made for the time being.

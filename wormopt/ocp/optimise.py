@@ -266,11 +266,11 @@ def optimise(
     guess : Guess
         From where to start: a `Motion.guess`, a simulation's curves, or any.
     p : mapping of str to array_like, optional
-        Parameters of the model by name, where they are not its own.
+        Parameters by name that differ from those of the model.
     pins : mapping of int to float, optional
         Times at which phases begin, see `Transcription.bounds`.
     solver : Solver, optional
-        IPOPT where nothing is said.
+        Default: IPOPT.
     report : callable, optional
         Receives the progress.
     explain : bool, optional
@@ -287,9 +287,8 @@ def optimise(
     ArgumentError
         If the treatment of contact is not one of an optimisation.
     SolveError
-        If a level is not solved; the message says which limits are in conflict, or what else to
-        change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "late" or
-        "not_solved".
+        If a level is not solved; the message names the limits in conflict, or the remedy, and
+        ``code`` is the reason: "infeasible", "unbounded", "bad_guess", "late" or "not_solved".
     KeyboardInterrupt
         If the user stops it.
 
@@ -435,16 +434,16 @@ def refine(
     solver: Solver | None = None,
     report: Report = silent,
 ) -> Optimum:
-    """Split arcs that err by more than asked and solve again, until none does or it is no use.
+    """Refine the mesh where its error exceeds the tolerance, and solve again.
 
     Parameters
     ----------
     optimum : Optimum
-        On a mesh with shares.
+        Optimum on a mesh with shares.
     tolerance : float
         Local error allowed on each arc, in nominal sizes of states, see `defects`.
     rounds : int, optional
-        Most solves.
+        Largest number of solves.
     most_arcs : int, optional
         Largest mesh.
     p, pins : mapping, optional
@@ -462,7 +461,7 @@ def refine(
     Raises
     ------
     SolveError
-        If a finer mesh is not solved.
+        If a problem on a finer mesh cannot be solved.
 
     Examples
     --------
@@ -550,14 +549,14 @@ def optimise_multistart(
     p : mapping of str to array_like, optional
         Parameters of the model by name.
     solver : Solver, optional
-        IPOPT where nothing is said.
+        Default: IPOPT.
     report : callable, optional
         Receives the progress.
 
     Returns
     -------
     best : Optimum
-        The one with the least objective.
+        The optimum with the smallest objective.
     objectives : tuple of float
         Objective of every start, NaN where it failed.
 

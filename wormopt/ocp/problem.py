@@ -198,7 +198,7 @@ class Problem:
     impulses : bool, optional
         Whether inputs and sticking contacts may act by impulses at the start of each arc.
     nominal : float, optional
-        Usual size of what is minimised, positive; solvers scale by it.
+        Nominal size of the objective, positive; solvers scale by it.
 
     Raises
     ------

@@ -146,21 +146,21 @@ def optimise_switching_times(
     """Solve with the contact modes of a relaxed optimum, switching times left free.
 
     Phases are runs of arcs with the same contact modes and the same inputs at their limits. A
-    phase may shrink to nothing. Other readings are tried where the objective comes out worse than
-    the relaxed one by more than 1 %; the best one is refined.
+    phase may shrink to nothing. If the objective is worse than the relaxed one by more than 1 %,
+    other mode sequences are tried; the best one is refined.
 
     Parameters
     ----------
     relaxed : Optimum
         With smoothed or complementary contact, on a mesh fine enough to show the phases.
     collocation : Collocation, optional
-        On each phase; Gauss-Legendre of degree 5 where nothing is said.
+        Collocation on each phase. Default: Gauss-Legendre of degree 5.
     tolerance : float, optional
         Local error allowed on each arc, see `refine`.
     p : mapping of str to array_like, optional
-        Parameters of the model by name; those of the relaxed motion where nothing is said.
+        Parameters of the model by name. Default: those of the relaxed motion.
     solver : Solver, optional
-        IPOPT with a tolerance of 1e-10 and a small barrier where nothing is said.
+        Default: IPOPT with a tolerance of 1e-10 and a small barrier parameter.
     report : callable, optional
         Receives the progress.
 

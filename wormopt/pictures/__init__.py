@@ -92,11 +92,11 @@ def draw(
         animation ``.gif`` too, or ``.mp4`` where ffmpeg is installed. An animation moves in
         ``.svg``, too.
     width : float, optional
-        In mm: 180 is a page (as is None), 85 one of two columns. Text keeps its size.
+        Width in mm: 180, the default, is a page; 85 is one of two columns. Text keeps its size.
     height : float, optional
-        In mm; by default as much as the picture needs.
+        Height in mm; by default as much as the picture needs.
     title : bool
-        Whether the title of the result and facts in numbers are shown above.
+        Whether the title of the result and its main values are shown above.
 
     Raises
     ------

@@ -99,8 +99,8 @@ def _whose(result: Result) -> str:
     knee, last = result.scalars["front_knee"].value, len(result["front_speed"].values) - 1
     return (
         f'<p class="note">The gait at the knee of the front, point {knee} of 0 to {last}, is the '
-        "one that was chosen: all numbers that are not the front's, the motion and the checks are "
-        "of it.</p>"
+        "selected one: the motion, the checks and all values except those of the front belong to "
+        "it.</p>"
     )
 
 
@@ -326,7 +326,7 @@ def _checks_html(checks: tuple[Check, ...]) -> str:
     whole = scrolled("Checks", table("checks", ("check", "found", "accepted up to", ""), rows))
     failed = sum(not c.passed for c in checks)
     title = f"{failed} of {len(checks)} checks failed" if failed else f"{len(checks)} checks"
-    return details(f"{title}: what was found, and what is accepted", whole, opened=failed > 0)
+    return details(f"{title}: values found and accepted limits", whole, opened=failed > 0)
 
 
 def _rest(trust: Mapping[str, Any]) -> str:

@@ -152,22 +152,22 @@ def report(
     title: str = "",
     force: bool = False,
 ) -> None:
-    """Write results as one HTML page that can be read without anything else.
+    """Write results as one self-contained HTML page.
 
-    The page holds what was asked and found, pictures, the worm moving, checks and warnings, and
-    the scene to run again. It loads nothing from elsewhere, can be read without scripts and on
-    paper, and has at most 5 MB. File names in it have no folders of this machine.
+    The page contains the problem, the results, pictures, an animation of the worm, checks,
+    warnings, and the scene to run again. It loads no other files, can be read without scripts and
+    on paper, and has at most 5 MB. File names in it contain no folders of this machine.
 
     Parameters
     ----------
     results : Result, path, or sequence of these
         Results, folders of results or ``result.nc`` files. Several are compared side by side.
     path : path
-        The file to write, which ends in ".html"; folders on the way are made.
+        The file to write, which ends in ".html"; missing folders are created.
     title : str
         Title of the page; by default that of the one result.
     force : bool
-        Whether an earlier report of that name is replaced; never what others made.
+        Whether an earlier report of wormopt with this name is replaced; other files never are.
 
     Raises
     ------

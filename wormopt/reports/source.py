@@ -107,7 +107,9 @@ def asked_html(result: Result) -> str:
         for k in keys
     )  # fmt: skip
     whole = table("keys", ("key", "value", "unit", "meaning"), rows)
-    note = "<p>What is not listed has its default.</p>" if raw.get("kind") in KINDS else ""
+    note = (
+        "<p>Keys that are not listed have their defaults.</p>" if raw.get("kind") in KINDS else ""
+    )
     return scrolled("Keys that were set", whole) + note
 
 

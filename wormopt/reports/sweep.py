@@ -514,7 +514,7 @@ def _blocks(grid: Grid, ident: str, room: float) -> dict[int, str]:
 
 def _table(grid: Grid, ident: str, targets: list[str], opened: bool) -> str:
     if len(grid.states) > _MOST_ROWS:
-        return f"<p>The numbers of all {len(grid.states)} points are in the result.</p>"
+        return f"<p>The values of all {len(grid.states)} points are in the result.</p>"
     numbers = grid.numbers[: max(1, min(12, 30_000 // len(grid.states)))]
     heads = [f"{name} ({unit})" if unit else name for name, unit in [
         *((axis.name, "") for axis in grid.axes), ("status", ""),

@@ -39,7 +39,7 @@ Found = tuple[Trajectory, str]
 
 @dataclass(frozen=True)
 class Scenario:
-    """Own values of one motion of an ensemble.
+    """Start, parameters and schedules of one member of an ensemble.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def simulate_ensemble(
     route : {"auto", "native", "python", "radau", "cvodes"}, optional
         Integrator, see `simulate`.
     sensitivities : sequence of str, or mapping, optional
-        Along what every motion is differentiated, see `simulate`.
+        Directions of differentiation, see `simulate`.
     threads : int, optional
         Number of parallel runs; one per core if left out.
     give_up_after : int, optional

@@ -68,9 +68,9 @@ def gradient(
 ) -> Gradient:
     """Differentiate a number of a motion by all initial states, parameters, inputs and schedules.
 
-    The adjoint equation is followed once, backwards along the motion and through all its events,
-    however many derivatives there are; `simulate(..., sensitivities=...)` goes forward, once more
-    for each of them, and gives all states at all times.
+    The adjoint equation is solved once, backwards along the motion and through all events, for any
+    number of derivatives. `simulate(..., sensitivities=...)` integrates one more system forward
+    for each derivative, and returns all states at all times.
 
     Parameters
     ----------

@@ -307,7 +307,7 @@ class StepRecord:
 
 @dataclass(frozen=True, eq=False)
 class MoreauJean:
-    """The steps of one model, compiled once for all its parameters.
+    """Moreau-Jean time stepping of a model, compiled once for all parameters.
 
     Parameters
     ----------
@@ -360,7 +360,7 @@ class MoreauJean:
         step: float | None = None,
         report: Report = silent,
     ) -> StepRecord:
-        """Follow the motion.
+        """Integrate the motion.
 
         Parameters
         ----------
@@ -384,10 +384,10 @@ class MoreauJean:
         Raises
         ------
         ArgumentError
-            If walls act on one another, or there is no step to take: nothing resists, and none
-            is given.
+            If walls act on one another, or the model has no stiffness or damping and no `step` is
+            given.
         SolveError
-            If the motion is no longer a number; ``partial`` holds it up to there.
+            If a value is not finite; ``partial`` contains the motion up to then.
         Interrupted
             If the user stopped it; likewise.
         """
@@ -435,7 +435,7 @@ class MoreauJean:
         Returns
         -------
         float
-            Infinite where nothing resists.
+            Infinite for a model without stiffness and damping.
         """
         half = self._impulses.n_q
         J = np.array(self._impulses.linear(x0, numbers))[half:]
@@ -447,7 +447,7 @@ class MoreauJean:
         return float(4 / (damping + math.sqrt(damping**2 + 4 * stiffness)))
 
     def safe_step(self, x0: np.ndarray, numbers: np.ndarray) -> float:
-        """Step that is taken where none is given: 0.8 of the longest stable one.
+        """Default step: 0.8 times the longest stable step.
 
         Parameters
         ----------

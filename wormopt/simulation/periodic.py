@@ -33,20 +33,20 @@ _SINGULAR = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class PeriodicOrbit:
-    """A motion that repeats after a period, but for states that only go on, as places do.
+    """A motion that repeats after a period, except for advancing states, such as positions.
 
     Parameters
     ----------
     motion : Trajectory
-        One period of it. Its derivatives are those of the orbit: a direction moves the start too,
-        so that the motion still repeats; states that only go on start where they did.
+        One period of the motion. Its derivatives are those of the orbit: the start changes with a
+        direction, so the motion still repeats; advancing states keep their start.
     drift : float
         Largest change of a returning state over the period, in nominal sizes.
     multipliers : ndarray of complex, shape (n,)
-        Of the returning states, that of the largest size first (Floquet): small deviations are
-        multiplied by them in a period.
+        Floquet multipliers of the returning states, the largest first: a period multiplies small
+        deviations by them.
     start : ndarray, shape (n_x,)
-        State at which it begins.
+        Initial state.
     period_derivative : ndarray, shape (k,)
         Derivatives of the period along the directions of ``motion``.
 
@@ -72,11 +72,11 @@ class PeriodicOrbit:
 
     @property
     def stable(self) -> bool:
-        """Whether all that is near it comes to it."""
+        """Whether nearby motions converge to the orbit."""
         return bool(abs(self.multipliers[0]) < 1)
 
     def mean_rate(self, name: str) -> np.ndarray:
-        """Change of a state per time: of a place, the mean speed.
+        """Mean rate of a state over the period; for a position, the mean speed.
 
         Parameters
         ----------
@@ -202,7 +202,7 @@ def periodic_orbit(
     period_derivative: Mapping[str, float] | None = None,
     report: Report = silent,
 ) -> PeriodicOrbit:
-    """Find a motion that repeats after the period of what drives a model.
+    """Find a motion that repeats after the period of the excitation of a model.
 
     Parameters
     ----------
@@ -225,8 +225,8 @@ def periodic_orbit(
         Parameters, inputs and values of schedules by which the orbit is differentiated, as
         `simulate` takes them.
     period_derivative : mapping of str to float, optional
-        Derivative of the period along directions, by their labels, where it changes with them: with
-        the frequency w of what drives the model, -2 pi / w^2.
+        Derivative of the period along directions, by their labels, where it changes with them: for
+        the frequency w of the excitation, -2 pi / w^2.
     report : callable, optional
         Receives the progress, see `wormopt.progress`.
 

@@ -37,7 +37,7 @@ _REFUSALS = {
     ),
     "not_finite": (
         "the motion becomes infinite or NaN at t = {t:.6g}",
-        "check what grows without bound before, for example a gain, and shorten the time",
+        "check whether a state grows without bound, for example a gain, and shorten the time",
     ),
     "too_many_steps": (
         "the limit of {steps} steps was reached at t = {t:.6g}",
@@ -49,13 +49,14 @@ _REFUSALS = {
     ),
     "events_accumulate": (
         "events follow each other without time passing at t = {t:.6g}",
-        "tighten the tolerance, treat contact as smooth, or change what chatters: a friction law, "
-        "or a switch, which can be terminal or have a state of rest",
+        "tighten the tolerance, treat contact as smooth, or change the friction law or the switch "
+        "that chatters; a switch can be terminal or have a state of rest",
     ),
     "slides_on_condition": (
         "the motion stays on a jump of the right-hand side at t = {t:.6g}: on both sides of a "
         "condition it returns to the condition",
-        "write a Contact for what sticks, a Switch with a state of rest, or a steep smooth curve",
+        "write a Contact for the sticking part, a Switch with a state of rest, or a steep smooth "
+        "curve",
     ),
     "no_contact_mode": (
         "no choice of resting and sliding contacts fits the forces at t = {t:.6g}, or several "

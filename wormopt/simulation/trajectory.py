@@ -70,11 +70,12 @@ class NonsmoothEvent:
     Parameters
     ----------
     event : Event
-        The event, or one that nearly happened.
+        The event, or an event that nearly occurs.
     reason : {"grazing", "simultaneous", "edge"}
-        "grazing": it happens so slowly that a small change would undo it, or all but happens;
-        "simultaneous": another one happens at this instant, and a change may turn their order;
-        "edge": a force is at the limit of what holds, and a change may let go or not.
+        "grazing": a velocity or force barely crosses or misses its limit, so a small change may
+        remove or add the event; "simultaneous": another event occurs at the same time, and a
+        small change may reverse their order;
+        "edge": a force is exactly at its limit, so a small change may release the contact.
 
     Examples
     --------
@@ -116,13 +117,13 @@ class Trajectory(SampledMotion):
     system : System
         Model and treatment of its contacts.
     route : str
-        What integrated it: "native", "python", "cvodes" or "idas".
+        Integrator that was used: "native", "python", "cvodes" or "idas".
     p : ndarray
         Parameters, from `System.parameters`.
     schedules : tuple of Schedule
         Schedules of the model, with the values used.
     time : ndarray, shape (m,)
-        Sample times; where none were named, the ends of the steps, see `simulate`.
+        Sample times; by default the ends of the steps, see `simulate`.
     states : ndarray, shape (n_x, m)
         States then; after a jump where one happens at that time.
     end_time : float
@@ -139,7 +140,7 @@ class Trajectory(SampledMotion):
     n_steps, n_rejected, n_evaluations : int
         Accepted and rejected steps, evaluations of the ode.
     dense : Dense, optional
-        The whole motion, where it was asked for.
+        Polynomials of all steps, if requested.
     along : Directions, optional
         Along which directions derivatives are known.
     state_derivatives : ndarray, shape (n_x, k, m)
@@ -149,7 +150,7 @@ class Trajectory(SampledMotion):
     nonsmooth_events : tuple of NonsmoothEvent
         Where derivatives do not exist, or hold on one side only.
     notes : tuple of str
-        Notes on what may have been missed.
+        Notes about jumps and pulses that may have been missed.
 
     Examples
     --------
@@ -231,7 +232,7 @@ class Trajectory(SampledMotion):
         return self.along.labels if self.along else ()
 
     def derivative(self, name: str) -> np.ndarray:
-        """Differentiate the samples of a signal along the directions that were asked for.
+        """Derivative of the samples of a signal along the requested directions.
 
         Parameters
         ----------
@@ -248,7 +249,7 @@ class Trajectory(SampledMotion):
         ArgumentError
             If the motion was simulated without ``sensitivities``.
         UnknownNameError
-            If the model has nothing of that name.
+            If the model has no signal of this name.
         """
         if self.along is None:
             raise ArgumentError("simulate with sensitivities=[...] to differentiate the motion")
@@ -333,7 +334,7 @@ class Trajectory(SampledMotion):
         Parameters
         ----------
         t : ndarray, shape (m,)
-            Times; at an event what holds after it counts.
+            Times; at an event, the modes after it.
 
         Returns
         -------
@@ -384,7 +385,7 @@ class Trajectory(SampledMotion):
         return found
 
     def stick_intervals(self) -> list[tuple[str, float, float]]:
-        """Find when contacts rest; known only where contact was treated as exact.
+        """Find the intervals in which contacts rest; requires exact contact.
 
         Returns
         -------

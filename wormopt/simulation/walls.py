@@ -28,7 +28,7 @@ from wormopt.model.model import TINY, Contact, Model, Output, Signal, pack
 
 
 def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation: float) -> Model:
-    """Make the walls of a model elastic.
+    """Replace the rigid walls of a model by elastic ones.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation
     -------
     Model
         Without gaps: normal forces are the algebraic variables ``wall_force``, friction laws are
-        what they were. The three numbers are its parameters ``wall_stiffness``,
-        ``wall_smoothing`` and ``wall_relaxation``. Simulate it with smooth friction.
+        unchanged. The three values are the parameters ``wall_stiffness``, ``wall_smoothing`` and
+        ``wall_relaxation``. Simulate it with smooth friction.
 
     Raises
     ------

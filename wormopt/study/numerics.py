@@ -49,13 +49,13 @@ class ToleranceTable(Given):
     )
     max_step: float | None = positive(
         "time",
-        "longest step, a fiftieth of the time if left out; while nothing moves, an input "
-        "shorter than a tenth of it may go unseen",
+        "longest step; default: a fiftieth of the time; while nothing moves, an input "
+        "shorter than a tenth of the step may be missed",
         usual=(1e-09, 1000000.0),
         default=None,
     )
     recheck: Recheck = entry(
-        'whether a second route finds the end again; `"independent"`: one that locates no events',
+        'whether a second route computes the end again; `"independent"`: without located events',
         default=True,
     )
 

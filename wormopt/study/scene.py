@@ -43,7 +43,7 @@ def load_scene(
         without quotes, and replaces what is there. Keys of a mapping may be dotted too; tables in
         it are merged with those of the scene.
     name : str, optional
-        What results call it; by default as before, by its file, or "scene" where there is none.
+        Name of the scene in results; by default its own, that of its file, or "scene".
     **tables
         Further changes, by the names of keys: ``worm={"load": 3}``.
 

@@ -549,12 +549,12 @@ TableT = TypeVar("TableT", bound=Study, covariant=True)
 
 @dataclass(frozen=True)
 class Scene(Generic[TableT]):
-    """Scene: pure data.
+    """A scene as data, without results.
 
     Parameters
     ----------
     name : str
-        Stem of the file name, or as it was called.
+        Stem of the file name, or the given name.
     folder : Path
         Folder of the file; file names in the scene are relative to it.
     table : Study
@@ -596,7 +596,7 @@ class Scene(Generic[TableT]):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Numbers that are unlikely to be intended, such as 300 m of link."""
+        """Warnings about unlikely values, such as a link of 300 m."""
         return tuple(surprises(self.table, self.table.units))
 
 

@@ -40,8 +40,8 @@ class Swept(Given):
         "`latin-hypercube`, `sobol`: drawn within the ranges",
         default="grid",
     )
-    points: Points | None = entry("how many are drawn", default=None)
-    seed: Seed = entry("of what is drawn", default=0)
+    points: Points | None = entry("number of random samples", default=None)
+    seed: Seed = entry("seed of the random samples", default=0)
 
     @property
     def drawn(self) -> bool:

@@ -453,7 +453,7 @@ def wrong(rival: Any, entries: int = 1, **changes: Any) -> Any:
     [
         (partial(wo.lambda_tracker, tube_radius=0.2), {}, "'mine': tube_radius=0.2 differs"),
         (lambda plant, aim: plant, {}, "'mine': cart has inputs left, input"),
-        (lambda plant, aim: None, {}, "'mine': what it returns"),
+        (lambda plant, aim: None, {}, "'mine': the returned loop"),
         (lambda plant, aim: cart(), {}, "'mine': cart is not a loop around this cart"),
         (partial(wo.lqr, error_weight=-1.0), {}, "'mine': error_weight must be positive"),
         (

@@ -349,5 +349,5 @@ def test_a_filled_skin_resists_as_a_tube():
     solid, full = Rod(75e-3, 4e-3, 3e5, 1200.0), Rod(75e-3, 4e-3, 3e5, 1200.0, skin=2e-3)
     assert full.stiffness() == solid.stiffness()
     assert (solid.magnetised_area, full.magnetised_area) == (solid.area, 0.0)
-    with pytest.raises(ArgumentError, match="thicker than the radius"):
+    with pytest.raises(ArgumentError, match="above the radius; write at most"):
         Rod(75e-3, 4e-3, 3e5, 1200.0, skin=2.1e-3)

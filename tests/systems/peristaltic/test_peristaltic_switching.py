@@ -172,7 +172,7 @@ def test_thrift_against_speed():
     slowest = 0.98 * fast.worth
     both = search(TWO, "thrift", replace(limits, speed=slowest)).best
     assert both.displacement / both.period == pytest.approx(slowest, rel=1e-7)
-    with pytest.raises(SolveError, match=r"fastest one has 0\.0157251"):
+    with pytest.raises(SolveError, match=r"fastest switching has 0\.0157251"):
         search(TWO, "thrift", replace(limits, speed=0.02))
 
 

@@ -334,7 +334,7 @@ def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
     spoil(monkeypatch, gait_pareto, 0.8)
     result = wo.run(wo.load_scene("pareto_speed_load", FRONT))
     assert (result.status, result.reason) == ("failed", "no point of the front was accepted")
-    assert {"gait.rate", "points that do not count"} <= set(failed_checks(result))
+    assert {"gait.rate", "points that are not accepted"} <= set(failed_checks(result))
     assert value(result, "front_points") == 0
 
 

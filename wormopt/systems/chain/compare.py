@@ -371,7 +371,7 @@ def _closed(
     if isinstance(rival, Gait):
         return drive(with_reference(plant, reference), rival)
     loop = rival(plant, reference)
-    check_kind("what it returns", loop, Model)
+    check_kind("the returned loop", loop, Model)
     own_states(loop, plant)
     if loop.u:
         left = ", ".join(signal.name for signal in loop.u)
@@ -380,11 +380,12 @@ def _closed(
         )
     names = {output.name for output in loop.outputs}
     if "input" not in names:
-        raise ArgumentError(f"{loop.name} has no output 'input' with what the controller does")
+        raise ArgumentError(f"{loop.name} has no output 'input' for the action of the controller")
     own = next((p.value for p in loop.p if p.name == "tube_radius"), radius)
     if own != radius:
         raise ArgumentError(
-            f"tube_radius={own} differs from {radius:g}, by which all are judged; write the same"
+            f"tube_radius={own} differs from {radius:g}, the radius of the comparison; "
+            "write the same value"
         )
     courses = {schedule.name for schedule in loop.schedules}
     error = TrackingError.of(plant, reference)

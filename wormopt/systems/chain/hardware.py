@@ -26,11 +26,12 @@ class Hardware(Given):
 
     With a `period` a controller measures and decides at multiples of it, from time 0 on, and its
     input is held until the next (zero-order hold); its own states, such as a gain, follow their
-    equations between samples, with what was measured last. Noise is normal at its samples and
-    interpolated by cubics, so it has hardly any content above the frequency 1/(2 `noise_interval`);
-    every plant has its own noise. Measured rates are the derivatives of the measured outputs; with
-    `output_step` they are differences of the rounded samples. Inputs in open loop are held, limited
-    and rounded too. Not allowed: `input_rate`, `input_step` or `output_step` without `period`.
+    equations between samples, with the last measurement. Noise is normal at its samples and
+    interpolated by cubics, so it has hardly any content above the frequency 1/(2
+    `noise_interval`); every plant has its own noise. Measured rates are the derivatives of the
+    measured outputs; with `output_step` they are differences of the rounded samples. Inputs in
+    open loop are held, limited and rounded too. Not allowed: `input_rate`, `input_step` or
+    `output_step` without `period`.
 
     Examples
     --------
@@ -171,7 +172,7 @@ class Hardware(Given):
         Returns
         -------
         Model
-            The loop with the states ``seen`` (what was measured last), ``held_input`` and
+            The loop with the states ``seen`` (the last measurement), ``held_input`` and
             ``next_sample`` of the clock, if there is one. ``error`` remains that of the plant.
 
         Raises

@@ -374,7 +374,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         """Number of equal cycles in the shortest period."""
         return self.limits.cycles_of(self.motion.duration)
 
-    @scalar("count", "equal cycles in the period; all else describes one of them")
+    @scalar("count", "equal cycles in the period; all other results describe one cycle")
     def cycles(self) -> int:
         return self.cycles_in_period
 
@@ -415,8 +415,8 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @scalar(
         "speed",
-        "bound on `objective` for every crawl within the limits: over a cycle actuators give "
-        "what dashpots and ground take",
+        "bound on `objective` for every crawl within the limits: over a cycle the work of the "
+        "actuators equals the losses in dashpots and ground",
         when="is_bounded",
     )
     def bound(self) -> Scalar | None:

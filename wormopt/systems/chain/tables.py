@@ -221,7 +221,7 @@ class ChainTable(Given):
         return facts_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
 
     def faults(self, horizon: float, units: str) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table.
+        """Yield conflicts between the keys of this table.
 
         `horizon` is the duration of the motion, `units` are the scene's.
         """

@@ -37,8 +37,8 @@ _FREQUENCIES = 101
 # Accepted error of the formulas' lengths against centre lines as Chebyshev series.
 _ACCEPTED = 1e-10
 _ASSUMED = {
-    "inertia": "the body follows the field at once: eq. 32 of Zimmermann et al. has no inertia and "
-    "holds for slow switching only",
+    "inertia": "the body follows the field immediately: eq. 32 of Zimmermann et al. has no inertia "
+    "and holds for slow switching only",
     "shape": "centre lines (eqs 33-35 of Zimmermann et al.) are assumed, not computed from forces",
     "grip": "segments do not slip while the field passes",
 }

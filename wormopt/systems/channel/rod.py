@@ -106,7 +106,8 @@ class Rod:
 
         if 2 * self.skin > self.diameter:
             raise ArgumentError(
-                f"rod: a skin of {self.skin:g} m is thicker than the radius; write less"
+                f"rod: skin {self.skin:g} m is above the radius; "
+                f"write at most {self.diameter / 2:g}"
             )
 
     @property

@@ -199,8 +199,8 @@ class WaveAim:
     ----------
     seek : {"mean_flow", "margin", "drift", "field"}
         "mean_flow": the largest mean flow. "margin": the largest thickness + 3 C at a crest, which
-        is not negative where a small float is held. "drift": the largest drift of a float that is
-        not held. "field": the least range of the field.
+        is not negative where a small float is held. "drift": the largest drift of a free float.
+        "field": the smallest range of the field.
     mean_flow : float, optional
         With "field": lower limit of the mean flow.
     capture : bool, optional

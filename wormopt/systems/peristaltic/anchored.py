@@ -239,10 +239,6 @@ def anchors_needed(
     Returns
     -------
     int
-
-    Returns
-    -------
-    int
         Number of anchors k.
 
     Raises

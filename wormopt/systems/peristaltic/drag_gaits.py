@@ -107,7 +107,7 @@ class SmallGait:
 def small_gaits(
     segments: int, exponent: float, cost: Cost = "strain_rate", *, fixed_total: bool = False
 ) -> list[SmallGait]:
-    """Return the harmonic gaits that go forward, the best first; later ones are no optima.
+    """Return the harmonic gaits that move forward, the best first; only the first is an optimum.
 
     Theory: docs/theory-peristaltic.md, section 4.
 

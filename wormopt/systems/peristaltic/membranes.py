@@ -214,8 +214,8 @@ def balloon(
     except SolveError as error:
         raise SolveError(
             f"no equilibrium of the membrane was found: {error.reason}",
-            "write less pressure, below the limit of inflation, or more, as it may bend only at "
-            "its rings or wrinkle",
+            "write less pressure, below the limit of inflation; or more, if the membrane wrinkles "
+            "or bends only at its rings",
             code=error.code,
         ) from None
     radius, place, stretch, angle, filled = found.at(np.linspace(0.0, 1.0, _POINTS))

@@ -239,7 +239,7 @@ class Switched:
     """Switching times of the coils."""
 
     on_time: np.ndarray = value("time", "time that each coil is on in a period")
-    on_start: np.ndarray = value("time", "time at which each coil goes on; coil 0 at 0")
+    on_start: np.ndarray = value("time", "switch-on time of each coil; 0 for coil 0")
     duty: float = value("share", "largest share of the period that a coil is on")
     together: int = value("count", "largest number of coils on at a time")
 
@@ -462,7 +462,7 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     def searched(self) -> dict[str, Any]:
         return {
             "search": {"orders_tried": self.orders.tried, "all_orders": self.orders.complete},
-            "assumptions": ["each coil goes on once and off once per period"],
+            "assumptions": ["each coil is switched on once and off once per period"],
         }
 
     @warnings

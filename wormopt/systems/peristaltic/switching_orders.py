@@ -104,7 +104,7 @@ def _nowhere(worm: SwitchedWorm, limits: SwitchLimits, starts: int, seed: int) -
     free = search(worm, "speed", replace(limits, speed=None), starts=starts, seed=seed)
     return SolveError(
         f"no switching within the limits has a mean speed of {limits.speed:g}",
-        f"the fastest one has {free.best.worth:.6g}: write a lower objective.speed",
+        f"write a lower objective.speed; the fastest switching has {free.best.worth:.6g}",
         code="infeasible",
     )
 

@@ -223,7 +223,7 @@ _SINGULAR_LOOKS = 64  # samples between two breaks, in search of singular shapes
 
 @dataclass(frozen=True)
 class Phase:
-    """Constraints until a phase of the stroke, from the end of the previous ones.
+    """Constraints that hold from the end of the previous Phase until a phase of the stroke.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class Disc(Given, kw_only=False, tag_field="shape", tag="disc"):
 
 
 class Wall(Given, kw_only=False, tag_field="shape", tag="wall"):
-    """A straight wall without end: everything behind it is closed.
+    """An infinite straight wall; the space behind it is closed.
 
     Examples
     --------

@@ -342,7 +342,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
     def requirements(self) -> Iterator[Check]:
         design, limits, miss = self.design, self.limits, self.numbers.miss
         advice = f"the requirements are missed by {miss:.2g}"
-        yield Check("what should vanish", miss, CLOSED, advice)
+        yield Check("requirements", miss, CLOSED, advice)
         low, high = self.task.ranges.T
         over = float(np.maximum(low - design.corners, design.corners - high).max())
         yield Check("limits of the shape", max(0.0, over), _KEPT, "the shape exceeds its limits")
@@ -352,7 +352,12 @@ class PlanarGaitDesign(Study, kind="planar-design"):
             yield Check("passage", max(0.0, over), _STILL, advice)
         if design.work_bound is not None:
             over, limit = max(0.0, design.work_bound - design.work), _KEPT * design.work
-            yield Check("work above its bound", over, limit, "work below its lower bound")
+            yield Check(
+                "work above its bound",
+                over,
+                limit,
+                "the work is below its lower bound: the result is wrong",
+            )
         if limits.effort is not None:
             over = max(0.0, design.work - limits.effort)
             advice = f"the gait exceeds limits.effort by {over:.2g}"

@@ -125,7 +125,7 @@ class Gait(Given):
         if self.mirrored and any(rest[lengths:]):
             yield (
                 f"{key}.mirrored",
-                "the rest shape is bent; write the mirrored gait as a gait of its own",
+                "the rest shape is bent; write the mirrored gait as a separate gait",
             )
         if len(rest) != body.n_s:
             return
@@ -416,7 +416,7 @@ class PlanarPath(Study, kind="planar-path"):
     def of_constraints(self) -> Iterator[Check]:
         condition, load, limit = self.numbers.condition, self.largest_load, self.pin_load
         ill = f"the constraints are nearly singular: condition number {condition:.3g}"
-        yield Check("condition of what holds", condition, _WELL, ill)
+        yield Check("condition of the constraints", condition, _WELL, ill)
         if limit is not None:
             over = f"a pin carries {load:.4g}; write pin_load = {load:.4g}, or weaker friction"
             yield Check("load of a pin", load, limit, over)

@@ -309,7 +309,7 @@ class PlanarTurn(Crawling, kind="planar-turn"):
         1e-8,
         "turn, work or drift differ from the conditions of rest",
         when="holds",
-        name="turn, work and place promised",
+        name="turn, work and drift by the conditions of rest",
     )
     def promised(self) -> float | None:
         return self.turned.promise_error

@@ -33,7 +33,7 @@ _PANELS, _DEGREE = 56, 16
 
 
 def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> float:
-    """Return the speed of an infinite serpenoid body over that of its material along the wave.
+    """Return the speed of an infinite serpenoid body relative to that of its material along it.
 
     Theory: docs/theory-planar.md, section 6.
 

@@ -88,11 +88,6 @@ def travelling_sine(
     ArgumentError
         If `links` is less than 1.
 
-    Raises
-    ------
-    ArgumentError
-        If there is no link.
-
     Examples
     --------
     >>> import numpy as np

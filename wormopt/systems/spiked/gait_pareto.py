@@ -314,7 +314,7 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
         yield from front.knee.checks
         points = len(front.front_counted)
         missing = points - front.front_points
-        yield Check("points that do not count", missing, points - 1, _NONE_COUNTS)
+        yield Check("points that are not accepted", missing, points - 1, _NONE_COUNTS)
 
     @facts
     def evidence(self) -> Mapping[str, Any]:

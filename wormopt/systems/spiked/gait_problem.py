@@ -239,7 +239,7 @@ class Objective(Given, kw_only=False):
         Raises
         ------
         ArgumentError
-            If `what` is no objective, or `speed` is given and it has no place for one.
+            If `what` is not an objective, or `speed` is given for an objective that has none.
         """
         if isinstance(what, Objective):
             if speed is None:
@@ -273,7 +273,7 @@ class Objective(Given, kw_only=False):
                 return "force"
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table."""
+        """Yield conflicts between the keys of this table."""
         if self.minimise is None and self.maximise is None:
             if self.speed is not None:
                 yield "", _NO_OBJECTIVE

@@ -657,7 +657,7 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
         if orbit.rest_share:
             yield (
                 f"a mass rests for {orbit.rest_share:.2g} of the period, but averaging assumes "
-                "that it passes through 0 at once"
+                "that its velocity passes through 0 without a rest"
             )
         if smallness <= _SMALL and self._bends(orbit):
             yield (

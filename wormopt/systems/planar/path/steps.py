@@ -220,7 +220,7 @@ class Family:
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """Steps that may follow one another, because all begin and end in the same shape.
+    """Steps that begin and end in the same shape, so they can follow one another in any order.
 
     Parameters
     ----------

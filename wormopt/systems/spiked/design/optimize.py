@@ -91,7 +91,9 @@ def design(
     for key, message in search.faults_for(worm.links, limits):
         raise ArgumentError(f"search.{key}: {message}")
     if search.certify is not None:
-        raise ArgumentError("search.certify: a design has no proof; call wormopt.certify with it")
+        raise ArgumentError(
+            "search.certify: only scenes have this key; leave it out and call wormopt.certify"
+        )
     found = designed(task, search, report)
     name, excess = max(found.violations.items(), key=lambda item: item[1])
     if excess > _ACCEPTED:
@@ -269,8 +271,8 @@ def _conflict(
         )
     needed = word.join(_change(task, key, share) for key, share in found.items())
     return SolveError(
-        f"no gait meets these limits together; one needs {needed}",
-        "relax that" if word == " and " or len(found) == 1 else "relax one of these",
+        f"no gait meets these limits together; a gait exists with {needed}",
+        "relax one of these limits" if word == " or " and len(found) > 1 else "relax as stated",
     )
 
 
