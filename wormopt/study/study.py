@@ -161,10 +161,9 @@ class Study(Given):
         return varied
 
     def wrong(self) -> Iterator[Fault]:
-        """Yield faults between keys that are valid individually."""
-        refused = dict(fault for path in self.refuses for fault in self._refused(path))
-        others = ((key, what) for key, what in super().wrong() if key not in refused)
-        found = [*refused.items(), *others]
+        """Yield refused keys, and only without them faults between keys that are valid."""
+        found = [fault for path in self.refuses for fault in self._refused(path)]
+        found = found or [*super().wrong()]
         twice = sorted({word for word in self.want if self.want.count(word) > 1})
         yield from found or (("want", f'"{word}" is given twice; write it once') for word in twice)
 
