@@ -152,6 +152,14 @@ def test_what_a_kind_refuses_is_offered_nowhere(scene: str, path: str, value: An
     assert f"#{last} = " not in template(kind, "schema.json")
 
 
+def test_advice_names_no_key_that_the_kind_refuses():
+    raw = tomllib.loads(packaged_scenes()["friction_gait"].read_text(encoding="utf-8"))
+    del raw["gait"]["acceleration"]
+    with pytest.raises(SceneError, match=r"gait\.acceleration: missing") as refused:
+        load_scene(raw)
+    assert "impulses" not in str(refused.value)
+
+
 def test_nothing_of_what_a_kind_refuses_is_accepted():
     film = load_scene("fig27_float", "film.tension=0").table.film
     assert not film.tension
