@@ -18,6 +18,8 @@ from wormopt.model.planar_friction import Elliptic
 from wormopt.systems.planar.shape import Shape
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
+_NOWHERE = "a closed gait without turn has no displacement; "
+
 
 @dataclass(frozen=True, eq=False)
 class Dry:
@@ -50,16 +52,18 @@ class Dry:
         laws = self.each_law(shape)
         return np.array([min(_numbers(law)) for law in laws])
 
-    def anchor(self, shape: Shape) -> int | None:
-        """Return the mass that holds the pull of all others together and never moves, or None.
+    def why_held(self, shape: Shape) -> str:
+        """Return why no closed gait without turn has a displacement; "" if it may have one.
 
-        With this mass at rest the body turns about it so that moments balance, and it carries the
-        forces of the others, which it can. This motion has least power for any change of shape.
+        A mass that holds the pull of all others together never moves: with it at rest the body
+        turns about it so that moments balance, and it carries the forces of the others, which it
+        can. This motion has least power for any change of shape.
         """
         laws = self.each_law(shape)
         least, most = self.least_each(shape), np.array([max(_numbers(law)) for law in laws])
         found = np.flatnonzero(least >= most.sum() - most)
-        return int(found[0]) if len(found) else None
+        why = "mass {} holds the pull of all others together and never moves, so " + _NOWHERE
+        return why.format(found[0]) + "give it less friction than their sum" if len(found) else ""
 
     @property
     def most(self) -> float:
@@ -93,12 +97,16 @@ class Viscous:
             raise ArgumentError("the shape is not that of the swimmer; give the same one")
         return self.swimmer.power
 
-    def anchor(self, shape: Shape) -> str | None:
-        """Return the point that never moves, if any: the weights of drags are then constant."""
+    def why_held(self, shape: Shape) -> str:
+        """Return why no closed gait without turn has a displacement; "" if it may have one.
+
+        The centre of drag never moves if drags are constant and equal in all directions.
+        """
         (along, across), masses = self.swimmer.rods, self.swimmer.masses
         constant = not along or not any(name.startswith("length") for name in shape.names)
         alike = along == across and masses[0] == masses[1]
-        return "centre of drag" if alike and constant else None
+        why = "drag that is equal along and across holds the centre of drag in its place, so "
+        return why + _NOWHERE + "write more drag across" if alike and constant else ""
 
     symmetric: ClassVar = True
     """Whether a reversed stroke returns the body."""
@@ -274,22 +282,9 @@ class PlanarAim:
                 "purpose 'speed', or a pose [x, 0, 0]"
             )
         straight = self.pose is not None and self.pose[2] == 0 and self.pose != (0.0, 0.0, 0.0)
-        if self.closed and (self.purpose == "speed" or straight):
-            self._refuse_an_anchor()
-
-    def _refuse_an_anchor(self) -> None:
-        """Refuse ground on which no closed gait without turn has a displacement."""
-        held = self.ground.anchor(self.shape)
-        if held is not None and isinstance(self.ground, Viscous):
-            raise ArgumentError(
-                "drag that is equal along and across holds the centre of drag in its place, so a "
-                "closed gait without turn has no displacement; write more drag across"
-            )
-        if held is not None:
-            raise ArgumentError(
-                f"mass {held} holds the pull of all others together and never moves, so a closed "
-                "gait without turn has no displacement; give it less friction than their sum"
-            )
+        returns = self.closed and (self.purpose == "speed" or straight)
+        if returns and (why := self.ground.why_held(self.shape)):
+            raise ArgumentError(why)
 
     @property
     def single(self) -> bool:
