@@ -20,7 +20,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.study import load_scene
 from wormopt.systems.planar.crawling.crawl import crawl
-from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim, PlanarLimits, Viscous, root
+from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim, Viscous, root
 from wormopt.systems.planar.design.gaits import (
     Course,
     PlanarDesign,
@@ -34,6 +34,7 @@ from wormopt.systems.planar.design.polygons import Steps, first_corners
 from wormopt.systems.planar.poses import compose
 from wormopt.systems.planar.shape import Polygon, Shape, chain_shape
 from wormopt.systems.planar.swimming.swimmer import Swimmer
+from wormopt.systems.planar.tables import PlanarLimits
 
 SEEDS = st.integers(0, 2**32 - 1)
 THREE, TWO = chain_shape(3, lengths=(1.0, 1.0, 1.0)), chain_shape(2)
@@ -222,11 +223,11 @@ def test_what_makes_no_sense_is_refused():
     with pytest.raises(ArgumentError, match="to and fro"):
         PlanarAim(one, SNAKE, PlanarLimits())
     for message, change in {
-        "from less to more": {"angle": (1.0, -1.0)},
-        "must be above 0": {"length": (0.0, 1.0)},
-        "within ±pi": {"angle": (-4.0, 1.0)},
-        "rates": {"angle_rate": 0.0},
-        "narrower than a link": {"half_width": 0.1, "radius": 0.2},
+        "is empty": {"angle": (1.0, -1.0)},
+        "above 0": {"length": (0.0, 1.0)},
+        "within ±π": {"angle": (-4.0, 1.0)},
+        "angle_rate": {"angle_rate": 0.0},
+        "not above the radius": {"half_width": 0.1, "radius": 0.2},
     }.items():
         with pytest.raises(ArgumentError, match=message):
             PlanarLimits(**change)
@@ -239,6 +240,7 @@ test_scenes_say_what_is_wrong = refusals(
     grips=[1.0,2.0] | grips
     ground.law=unit | ground.law
     limits.angle=[1.0,-1.0] | limits.angle
+    limits.half_width=0.1 & limits.radius=0.2 | limits.half_width
     objective.pivot=5 | objective
     objective.pose=[1.0,0.0] | objective.pose
     """,

@@ -17,6 +17,7 @@ from wormopt.errors import ArgumentError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.systems.planar.shape import Shape
 from wormopt.systems.planar.swimming.swimmer import Swimmer
+from wormopt.systems.planar.tables import PlanarLimits
 
 _NOWHERE = "a closed gait without turn has no displacement; "
 
@@ -139,59 +140,6 @@ _STROKES = 20
 PIVOTS = ("any", "centre")
 
 
-@dataclass(frozen=True)
-class PlanarLimits:
-    """Limits of a gait.
-
-    Parameters
-    ----------
-    length : (float, float), optional
-        Least and largest length of links whose lengths vary.
-    angle : (float, float), optional
-        Least and largest joint angle, in rad.
-    length_rate, angle_rate : float, optional
-        Largest rate of a length (length per time) and of an angle (rad per time).
-    effort : float, optional
-        Largest work per cycle.
-    half_width : float, optional
-        Half the width of a passage along the displacement; unlimited if left out.
-    radius : float, optional
-        Radius of the links, rods with round ends, in the passage.
-
-    Raises
-    ------
-    ArgumentError
-        If a limit is inconsistent.
-
-    Examples
-    --------
-    >>> PlanarLimits(length=(0.5, 1.0), angle=(-1.0, 1.0)).angle
-    (-1.0, 1.0)
-    """
-
-    length: tuple[float, float] = (0.5, 1.0)
-    angle: tuple[float, float] = (-2.0, 2.0)
-    length_rate: float = 1.0
-    angle_rate: float = 1.0
-    effort: float | None = None
-    half_width: float | None = None
-    radius: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("length", "angle"):
-            least, most = getattr(self, name)
-            if not least < most:
-                raise ArgumentError(f"{name} must go from less to more, not {least} to {most}")
-        if self.length[0] <= 0:
-            raise ArgumentError(f"link lengths must be above 0, not {self.length[0]}")
-        if max(map(abs, self.angle)) >= np.pi:
-            raise ArgumentError("joint angles must be within ±pi")
-        if min(self.length_rate, self.angle_rate) <= 0:
-            raise ArgumentError("rates must be positive")
-        if self.half_width is not None and self.half_width <= self.radius:
-            raise ArgumentError("the passage is narrower than a link; give a larger half_width")
-
-
 def _kind(name: str) -> str:
     return name.partition(" ")[0]
 
@@ -294,7 +242,8 @@ class PlanarAim:
     @property
     def ranges(self) -> np.ndarray:
         """Least and largest value of each shape variable, (n_s, 2)."""
-        limits = [getattr(self.limits, _kind(name)) for name in self.shape.names]
+        known = {"length": self.limits.length or (0.5, 1.0), "angle": self.limits.angle}
+        limits = [known[_kind(name)] for name in self.shape.names]
         return np.array(limits, dtype=float).reshape(-1, 2)
 
     @property
