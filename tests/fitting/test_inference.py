@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from effort import examples
+from hints import Patch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -17,7 +18,7 @@ from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.fit import fit
 from wormopt.fitting.identifiability import identifiability, sparse_basis
-from wormopt.fitting.noise import ljung_box, runs_test, whiteness
+from wormopt.fitting.noise import excess, ljung_box, runs_test, whiteness
 from wormopt.fitting.prediction import predict
 from wormopt.fitting.profile import profile
 from wormopt.fitting.recording import Recording
@@ -227,6 +228,14 @@ def test_what_is_refused():
 
 
 # -- residuals -----------------------------------------------------------------------------------
+
+
+def test_residuals_of_a_fit_are_computed_once(monkeypatch: Patch):
+    found, plain, calls = fit_at(line_task(SD), a=1.0, b=-0.5), FitTask.plain, list[FitTask]()
+    monkeypatch.setattr(FitTask, "plain", lambda *given: calls.append(given[0]) or plain(*given))
+    assert excess(found) > 0
+    assert whiteness(found).tests
+    assert calls == [found.task]
 
 
 def test_portmanteau_and_runs_by_hand():

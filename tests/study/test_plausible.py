@@ -9,7 +9,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.quantities import UNITS
 from wormopt.study import packaged_scenes
-from wormopt.study.study import USUAL
+from wormopt.study.plausible import USUAL
 
 
 @pytest.mark.parametrize("name", packaged_scenes())

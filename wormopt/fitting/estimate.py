@@ -157,6 +157,11 @@ class Fit:
         """Standard deviation of the readings of each signal, of the last run that has it."""
         return {b.signal: self.task.deviation(b.run, b.signal) for b in self.task.blocks}
 
+    @cached_property
+    def plain(self) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals of `FitTask.plain` at the estimate, (rows,), and their Jacobian, (rows, n)."""
+        return self.task.plain(self.theta)
+
     def continuity(self, nodes: int = 6) -> float:
         """Return the largest jump between simulations that are restarted along the fitted motion.
 

@@ -480,7 +480,7 @@ def _fit_of(
         starts=tuple(ends),
         estimated=asked.estimated,
     )
-    strange = [*unexplained(asked, task, task.plain(best.theta)[0])]
+    strange = [*unexplained(asked, task, found.plain[0])]
     warnings, same = list(task.warnings), sum(end.agrees for end in ends)
     if same < len(ends) and not reason:
         warnings.append(f"{len(ends) - same} of {len(ends)} starts ended elsewhere, see starts")

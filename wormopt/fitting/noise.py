@@ -79,7 +79,7 @@ def unexplained(asked: FitTask, task: FitTask, plain: np.ndarray) -> Iterator[st
 
 def excess(found: Fit) -> float:
     """Largest size of the residuals of a signal, over the noise given for it; 0 if none is."""
-    task, left = found.task, found.task.plain(found.theta)[0]
+    task, left = found.task, found.plain[0]
     given = [rows for signal, rows in task.groups.items() if signal not in found.estimated]
     return max((_size_of(task, left[rows]) for rows in given), default=0.0)
 
@@ -229,7 +229,7 @@ def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
     check_fit(found)
     check_level(level)
     task = found.task
-    r, jacobian = task.plain(found.theta)
+    r, jacobian = found.plain
     free = 1 - leverages(jacobian)
     tests: list[ResidualTest] = []
     for block in task.blocks:

@@ -36,8 +36,7 @@ def schema(kind: str) -> dict[str, Any]:
     parts[table.__name__]["properties"]["sweep"] = sweep
     for part in parts.values():
         part["description"] = _without_python(inspect.cleandoc(part.get("description", "")))
-    tables = dict.fromkeys((*tables_below(table), Swept))
-    for part in tables:
+    for part in {*tables_below(table), Swept}:
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
             quantity, what = meaning(field.type)
@@ -46,30 +45,36 @@ def schema(kind: str) -> dict[str, Any]:
             if quantity:
                 described = _or_with_unit(properties[field.encode_name], quantity)
                 properties[field.encode_name] = described | {"quantity": quantity}
-    _leave_out(parts, table, "", table.refuses)
-    own = {part.__name__: _with_defaults(part, None, parts) for part in tables}
-    return found | {"$defs": parts | own}
+    parts[table.__name__] = _taken(parts, table, "", table.refuses)
+    return found | {"$defs": parts}
 
 
-def _with_defaults(
-    table: type[msgspec.Struct], default: Given | None, parts: dict[str, dict[str, Any]]
+def _taken(
+    parts: dict[str, dict[str, Any]],
+    table: type[msgspec.Struct],
+    path: str,
+    refused: Container[str],
+    default: Given | None = None,
 ) -> dict[str, Any]:
-    """Schema of a table with the values of `default`, which need not be those of its class."""
-    found = parts[table.__name__]
-    properties = dict(found["properties"])
-    for field in msgspec.structs.fields(table):
+    """Schema of the keys of a table that a kind takes, with the values of `default`.
+
+    Tables with the defaults of their class remain references to `parts`.
+    """
+    found, fields = parts[table.__name__], table.__struct_encode_fields__
+    properties = {name: node for name, node in found["properties"].items() if name not in fields}
+    for key, field, below in taken(table, path, refused):
         name, value = field.encode_name, default_of(field, default)
-        if name not in properties:  # refused
-            continue
+        gone = {part.__name__ for part in tables_in(single(field.type)) if part not in below}
+        node = _pruned(found["properties"][name], gone)
         if default is not None:
-            shown = msgspec.json.decode(msgspec.json.encode(value))
-            properties[name] = properties[name] | {"default": shown}
-        if isinstance(value, Given) and not value.__struct_config__.tag_field:
-            own, shared = _with_defaults(type(value), value, parts), parts[type(value).__name__]
-            if own != shared:
-                properties[name] = _in_place(properties[name], type(value).__name__, own)
-    required = {} if default is None else {"required": []}
-    return found | {"properties": properties} | required
+            node |= {"default": msgspec.json.decode(msgspec.json.encode(value))}
+        for part in below:
+            shared = parts[part.__name__] = _taken(parts, part, key, refused)
+            if type(value) is part and not part.__struct_config__.tag_field:
+                own = _taken(parts, part, key, refused, value)
+                node = node if own == shared else _in_place(node, part.__name__, own)
+        properties[name] = node
+    return found | {"properties": properties} | ({} if default is None else {"required": []})
 
 
 def _in_place(node: dict[str, Any], name: str, own: dict[str, Any]) -> dict[str, Any]:
@@ -80,25 +85,6 @@ def _in_place(node: dict[str, Any], name: str, own: dict[str, Any]) -> dict[str,
         key: [_in_place(one, name, own) for one in part] if key == "anyOf" else part
         for key, part in node.items()
     }
-
-
-def _leave_out(
-    parts: dict[str, Any], table: type[msgspec.Struct], path: str, refused: Container[str]
-) -> None:
-    """Remove the keys and tables that a kind does not take from its schema."""
-    properties = parts[table.__name__]["properties"]
-    kept = {field.encode_name: (key, below) for key, field, below in taken(table, path, refused)}
-    for field in msgspec.structs.fields(table):
-        name = field.encode_name
-        if name not in kept:
-            properties.pop(name, None)
-            continue
-        key, below = kept[name]
-        gone = {*tables_in(single(field.type))} - {*below}
-        if gone:
-            properties[name] = _pruned(properties[name], {part.__name__ for part in gone})
-        for part in below:
-            _leave_out(parts, part, key, refused)
 
 
 def _pruned(node: Any, gone: Container[str]) -> Any:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Self, TypeVar, cast
 
 import msgspec
-from msgspec import NODEFAULT, Struct, structs
+from msgspec import Struct, structs
 
 from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError
 from wormopt.lazy import load
@@ -24,8 +24,9 @@ from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check, Result, Status, Unchecked, left_out
 from wormopt.shown import brief, lines
-from wormopt.study.given import Given, bare, default_of, entry, said_of, tables_in
+from wormopt.study.given import Given, bare, default_of, entry, tables_in
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
+from wormopt.study.plausible import items_of, unusual_sizes
 from wormopt.study.reference import quantity_of
 from wormopt.study.swept import Swept
 from wormopt.study.toml import Overrides
@@ -161,10 +162,9 @@ class Study(Given):
         return varied
 
     def wrong(self) -> Iterator[Fault]:
-        """Yield faults between keys that are valid individually."""
-        refused = dict(fault for path in self.refuses for fault in self._refused(path))
-        others = ((key, what) for key, what in super().wrong() if key not in refused)
-        found = [*refused.items(), *others]
+        """Yield refused keys, and only without them faults between keys that are valid."""
+        found = [fault for path in self.refuses for fault in self._refused(path)]
+        found = found or [*super().wrong()]
         twice = sorted({word for word in self.want if self.want.count(word) > 1})
         yield from found or (("want", f'"{word}" is given twice; write it once') for word in twice)
 
@@ -439,7 +439,7 @@ class Study(Given):
         )  # fmt: skip
 
     def _given_warnings(self) -> Iterator[str]:
-        yield from surprises(self, self.units)
+        yield from unusual_sizes(self, self.units)
         yield from self.file_warnings(self.folder, self.units)
 
     def _gathered(self, role: str, of: Callable[..., Iterable[T]], names: Names = ()) -> list[T]:
@@ -597,7 +597,7 @@ class Scene(Generic[TableT]):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about unlikely values, such as a link of 300 m."""
-        return tuple(surprises(self.table, self.table.units))
+        return tuple(unusual_sizes(self.table, self.table.units))
 
 
 def _without_none(value: Any) -> Any:
@@ -643,7 +643,7 @@ def _given_at(value: Any, names: Sequence[str], key: str) -> Iterator[str]:
     if not names:
         yield key
     elif isinstance(value, tuple):
-        for place, item in _items(value, key):
+        for place, item in items_of(value, key):
             yield from _given_at(item, names, place)
     elif isinstance(value, Struct):
         first, *rest = names
@@ -673,67 +673,3 @@ def _bare(found: Any) -> Any:
     if isinstance(found, Variable):
         return found.values
     return found.value if isinstance(found, Scalar) else found
-
-
-# -- sizes that crawling robots from a millimetre to ten metres do not have ------------------------
-
-# Quantity: smallest and largest usual size in its SI unit.
-USUAL = {
-    "length": (1e-7, 20.0),
-    "area": (1e-12, 10.0),
-    "time": (1e-5, 1e10),
-    "speed": (1e-9, 20.0),
-    "acceleration": (1e-6, 2e4),
-    "angular_frequency": (1e-4, 1e6),
-    "rate": (1e-4, 1e6),
-    "rate_change": (1e-4, 1e8),
-    "mass": (1e-9, 1e4),
-    "density": (0.1, 3e4),
-    "viscosity": (1e-6, 1e4),
-    "surface_tension": (1e-5, 10.0),
-    "force": (1e-10, 1e5),
-    "drag": (1e-10, 1e6),
-    "stiffness": (1e-9, 1e9),
-    "stress": (1e-3, 1e12),
-    "magnetic_field": (1.0, 1e7),
-    "current": (1e-6, 1e6),
-    "ampere_turns": (1e-6, 1e6),
-    "diffusivity": (1e-14, 1e-2),
-}
-_SMALLER = {"m": "mm", "s": "ms", "kg": "g", "N": "mN", "m s-1": "mm/s", "m s-2": "mm/s^2"}
-
-
-def surprises(table: Struct, units: str, path: str = "") -> Iterator[str]:
-    """Yield a warning for each number in a table of a scene that is unlikely to be intended."""
-    if units != "SI":
-        return
-    for each in structs.fields(table):
-        value, key = getattr(table, each.name), f"{path}.{each.name}" if path else each.name
-        if each.default is not NODEFAULT and value == each.default:
-            continue
-        declared = said_of(each.type)
-        usual = declared.get("usual") or USUAL.get(declared.get("quantity", ""))
-        for place, item in _items(value, key):
-            if isinstance(item, Struct):
-                yield from surprises(item, units, place)
-            elif usual and isinstance(item, float | int) and not isinstance(item, bool):
-                yield from _surprise(place, abs(item), declared["quantity"], usual)
-
-
-def _items(value: Any, key: str) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, tuple):
-        for index, item in enumerate(cast("tuple[Any, ...]", value)):
-            yield from _items(item, f"{key}[{index}]")
-    else:
-        yield key, value
-
-
-def _surprise(key: str, size: float, quantity: str, usual: tuple[float, float]) -> Iterator[str]:
-    least, most = usual
-    if size == 0 or least <= size <= most:
-        return
-    unit = unit_of(quantity, "SI")
-    smaller = _SMALLER.get(unit, "") if size > most >= size / 1000 else ""
-    hint = f'; did you mean "{size:g} {smaller}"?' if smaller else ""
-    what = f"a {quantity.replace('_', ' ')} from {least:g} to {most:g} {unit} is usual"
-    yield f"{key} = {size:g} {unit} is unusual for a crawling robot: {what}{hint}"

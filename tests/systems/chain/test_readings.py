@@ -32,7 +32,6 @@ from wormopt.systems.chain.loops import draw_links
 from wormopt.systems.chain.readings import (
     SENTENCES,
     Course,
-    Criteria,
     Example,
     Reading,
     build,
@@ -43,6 +42,7 @@ from wormopt.systems.chain.readings import (
     structure_of,
     supported,
 )
+from wormopt.systems.chain.tables import Criteria
 from wormopt.systems.spiked.construct import accordion, fast_gait
 
 EXAMPLE = Example(
@@ -218,7 +218,7 @@ def test_actuators_that_are_not_known_or_have_no_spring_are_refused():
 # -- what the text says ----------------------------------------------------------------------------
 
 TIME = np.linspace(0.0, 10.0, 1001)
-BY = Criteria("outputs", quick=2.0, window=2.0, settled=1e-3, growing=1e-2)
+BY = Criteria(strips="outputs", quick=2.0, window=2.0, settled=1e-3, growing=1e-2)
 
 
 def made(error: Callable[[np.ndarray], Any], gain: Callable[[np.ndarray], Any]) -> Course:
@@ -238,10 +238,10 @@ def test_a_pair_as_the_text_describes_it_supports_every_sentence():
 @pytest.mark.parametrize(
     ("first", "second", "by", "missing"),
     [
-        (CALM, ASTRAY, replace(BY, quick=0.5), {"quick"}),
-        (CALM, ASTRAY, replace(BY, strips="norm"), {"quick"}),  # 0.15 sqrt 2 > 0.2
-        (CALM, ASTRAY, replace(BY, strips="both"), {"quick"}),
-        (CALM, ASTRAY, replace(BY, growing=0.2), {"growing"}),
+        (CALM, ASTRAY, BY.vary(quick=0.5), {"quick"}),
+        (CALM, ASTRAY, BY.vary(strips="norm"), {"quick"}),  # 0.15 sqrt 2 > 0.2
+        (CALM, ASTRAY, BY.vary(strips="both"), {"quick"}),
+        (CALM, ASTRAY, BY.vary(growing=0.2), {"growing"}),
         (replace(CALM, gain=ASTRAY.gain), ASTRAY, BY, {"settled"}),
         (CALM, replace(ASTRAY, error=0.6 * ASTRAY.error), BY, {"quick", "open"}),
         (replace(CALM, gain=0 * TIME + 3.0), ASTRAY, BY, {"learning"}),

@@ -36,7 +36,7 @@ from wormopt.systems.channel.rod_model import (
     switched_blocks,
 )
 from wormopt.systems.channel.rod_motion import RodMotion, Switching
-from wormopt.systems.channel.tables import Channel, Course, Mesh, Worm
+from wormopt.systems.channel.tables import Channel, Duration, Mesh, Worm
 
 MU0 = 4e-7 * np.pi
 COIL = Coil(2e-3, 9e-3, 20e-3)
@@ -562,7 +562,7 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching(
         channel=Channel(diameter=5e-3, friction=friction),
         switching=Switching(every=5, frequency=5.0),
         mesh=Mesh(elements=50),
-        time=Course(cycles=5, end=0.1, settle=0.25),
+        time=Duration(cycles=5, end=0.1, settle=0.25),
     )
     excess = long.point.arc_length / long.coils.pitch - 1
     law = long.field_speed * excess * (5 - 2) / (5 + 2 * excess)

@@ -20,6 +20,7 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal
 from wormopt.simulation.ensemble import Scenario
 from wormopt.systems.chain.build import chain
+from wormopt.systems.chain.tables import Criteria, Strips
 
 Order = Literal["printed", "reversed"]
 """Link to which the first list of eq. 15 belongs."""
@@ -187,21 +188,6 @@ SENTENCES = {
     "working": "both trackers work: states and gains stay bounded",
 }
 """Statements of the text on figures 5 to 8, paraphrased, by short names."""
-
-
-Strips = Literal["outputs", "norm", "both"]
-"""Captured: every |e_j| <= lambda, or the Euclidean norm; both: either of the two suffices."""
-
-
-@dataclass(frozen=True)
-class Criteria:
-    """Criteria by which a sentence counts as supported."""
-
-    strips: Strips
-    quick: float  # (13) is captured within this time
-    window: float  # the end of the interval that gains and errors are judged by
-    settled: float  # share by which the gain of (13) grows at most in the window
-    growing: float  # share by which that of (14) grows at least
 
 
 @dataclass(frozen=True, eq=False)

@@ -614,3 +614,25 @@ class Relaxation(Given):
         """Yield a fault if the last product is above the first."""
         if self.last > self.first:
             yield "last", f"is above relaxation.first = {self.first:g}; write less"
+
+
+Strips = Literal["outputs", "norm", "both"]
+
+
+class Criteria(Given):
+    """Criteria by which a sentence of the text counts as supported."""
+
+    strips: Strips = entry(
+        "criterion of capture: `outputs`, every \\|*e*<sub>j</sub>\\| ≤ *λ*, as the strips of "
+        "figure 5; `norm`, the Euclidean \\|*e*\\| ≤ *λ*, at which gains stop growing; "
+        "`both`: either of the two supports a sentence",
+        default="both",
+    )
+    quick: float = positive("time", "time within which tracker (13) captures the outputs")
+    window: float = positive(
+        "time",
+        "length of the final interval: outputs that leave their strips in it are not "
+        "captured; growth of gains and errors refer to it",
+    )
+    settled: float = number("share", "largest growth of a converged gain", least=0)
+    growing: float = positive("share", "least growth of a gain that still increases")

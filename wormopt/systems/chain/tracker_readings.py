@@ -20,7 +20,6 @@ from wormopt.study import (
     checks,
     entry,
     facts,
-    number,
     on_use,
     parts,
     positive,
@@ -43,7 +42,7 @@ from wormopt.study.types import (
     Positive,
     per,
 )
-from wormopt.systems.chain.tables import DerivativeTracker, FilterTracker, Reference
+from wormopt.systems.chain.tables import Criteria, DerivativeTracker, FilterTracker, Reference
 from wormopt.systems.shared.declared import (
     CHAIN,
     LOOP_SIGNALS,
@@ -65,7 +64,6 @@ with on_use():
     from wormopt.systems.chain.readings import (
         SENTENCES,
         Course,
-        Criteria,
         Example,
         Reading,
         Structure,
@@ -200,25 +198,6 @@ class Alternatives(Given):
         return given | {"rest_length": rests}
 
 
-class Sentences(Given):
-    """Criteria by which a sentence of the text counts as supported."""
-
-    strips: Literal["outputs", "norm", "both"] = entry(
-        "criterion of capture: `outputs`, every \\|*e*<sub>j</sub>\\| ≤ *λ*, as the strips of "
-        "figure 5; `norm`, the Euclidean \\|*e*\\| ≤ *λ*, at which gains stop growing; "
-        "`both`: either of the two supports a sentence",
-        default="both",
-    )
-    quick: float = positive("time", "time within which tracker (13) captures the outputs")
-    window: float = positive(
-        "time",
-        "length of the final interval: outputs that leave their strips in it are not "
-        "captured; growth of gains and errors refer to it",
-    )
-    settled: float = number("share", "largest growth of a converged gain", least=0)
-    growing: float = positive("share", "least growth of a gain that still increases")
-
-
 @dataclass(frozen=True)
 class Judged:
     """Results of every reading."""
@@ -303,7 +282,7 @@ class TrackerReadings(Study, kind="tracker-readings"):
     reference: Reference = entry("reference of the links; each reading sets its period")
     tracker: Trackers = entry("parameters of both trackers")
     readings: Alternatives = entry("alternatives of the readings")
-    sentences: Sentences = entry("criteria of the sentences")
+    sentences: Criteria = entry("criteria of the sentences")
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)
@@ -371,9 +350,8 @@ class TrackerReadings(Study, kind="tracker-readings"):
     @parts(Judged)
     def judged(self) -> Judged:
         """All readings compared with the sentences."""
-        given, radius = self.sentences, self.tracker.tube_radius
-        by = Criteria(given.strips, given.quick, given.window, given.settled, given.growing)
-        return _judge(self.motions, self.readings.choices, radius, by)
+        radius = self.tracker.tube_radius
+        return _judge(self.motions, self.readings.choices, radius, self.sentences)
 
     # -- the reading that is shown -----------------------------------------------------------------
 
@@ -564,9 +542,7 @@ def _symmetric(example: Example, reading: Reading) -> bool:
 # -- tables of all readings ------------------------------------------------------------------------
 
 
-def _table_of(
-    by: Sentences, end: float, choices: Mapping[str, Sequence[Any]], found: Judged
-) -> str:
+def _table_of(by: Criteria, end: float, choices: Mapping[str, Sequence[Any]], found: Judged) -> str:
     """Markdown with the results of all readings."""
     half = end / 2
     lines = [

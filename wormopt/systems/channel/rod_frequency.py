@@ -35,7 +35,7 @@ from wormopt.study import (
 from wormopt.study.types import Positive, Title
 from wormopt.systems.channel.rod_course import RodPoint
 from wormopt.systems.channel.rod_motion import RodMotion, Switching, point_of
-from wormopt.systems.channel.tables import Course, Pattern, RodStudy
+from wormopt.systems.channel.tables import Duration, Pattern, RodStudy
 
 with on_use():
     import numpy as np
@@ -283,7 +283,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     )
     frequencies: Rates = entry("switches per second, ascending", quantity="rate")
     switching: Pattern = entry("switching of the coils", default=Pattern)
-    time: Course = entry("duration", default=Course(end=3.0))
+    time: Duration = entry("duration", default=Duration(end=3.0))
     sensitivity: Sensitivity | None = entry(
         "sensitivity of the velocity; not computed if left out", default=None
     )

@@ -360,7 +360,7 @@ class Mesh(Given):
     )
 
 
-class Course(Given):
+class Duration(Given):
     """Duration of the simulation."""
 
     cycles: int = whole(2, 1000, "least number of repeats of the pattern in time", default=8)
@@ -378,7 +378,7 @@ class RodStudy(SIStudy):
     coils: Zigzag = entry("the coils", default=Zigzag)
     switching: Pattern = entry("switching of the coils")
     mesh: Mesh = entry("finite elements and time steps", default=Mesh)
-    time: Course = entry("duration", default=Course)
+    time: Duration = entry("duration", default=Duration)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

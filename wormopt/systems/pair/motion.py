@@ -54,7 +54,7 @@ _FADED, _LONGEST, _STEPS = 25.0, 2000.0, 5_000
 _LATE, _LATE_SAMPLES = 4, 801
 
 
-class Course(Given):
+class Duration(Given):
     """The motion that is simulated from rest."""
 
     end: float | None = positive(
@@ -132,7 +132,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
     detuning: float = number(
         "1", "detuning *Δ*: the field's frequency is √2 + *εΔ* natural frequencies √(*c*/*m*)"
     )
-    time: Course = entry("the motion", default=Course)
+    time: Duration = entry("the motion", default=Duration)
     stated_velocity: float | None = number(
         "speed", "a published velocity for comparison", default=None
     )

@@ -201,7 +201,7 @@ class InTube(Given, tag_field="kind", tag="tube"):
         return Bed(Tube(self.radius, self.friction), self.bedding)
 
 
-class Course(Given):
+class Duration(Given):
     """Duration and accuracy of the simulation."""
 
     cycles: int = whole(1, 1000, "number of cycles of the wave", default=6)
@@ -305,7 +305,7 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
         "Drag acts at the middle",
         default="mid",
     )
-    time: Course = entry("duration and accuracy", default=Course)
+    time: Duration = entry("duration and accuracy", default=Duration)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

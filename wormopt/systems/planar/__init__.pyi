@@ -3,7 +3,6 @@ from wormopt.systems.planar.crawling.gradient import CrawlGradient as CrawlGradi
 from wormopt.systems.planar.crawling.gradient import crawl_gradient as crawl_gradient
 from wormopt.systems.planar.crawling.velocity import crawl_velocity as crawl_velocity
 from wormopt.systems.planar.design.aim import PlanarAim as PlanarAim
-from wormopt.systems.planar.design.aim import PlanarLimits as PlanarLimits
 from wormopt.systems.planar.design.gaits import design_stroke as design_stroke
 from wormopt.systems.planar.dynamics.chain import Axes as Axes
 from wormopt.systems.planar.dynamics.chain import planar_chain as planar_chain
@@ -30,3 +29,4 @@ from wormopt.systems.planar.swimming.best import best_stroke as best_stroke
 from wormopt.systems.planar.swimming.best import heights as heights
 from wormopt.systems.planar.swimming.swimmer import Swimmer as Swimmer
 from wormopt.systems.planar.swimming.swimmer import swim as swim
+from wormopt.systems.planar.tables import PlanarLimits as PlanarLimits

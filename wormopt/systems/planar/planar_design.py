@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
-
-from msgspec import Meta
+from typing import Any, ClassVar, Literal
 
 from wormopt.errors import Fault, SolveError
 from wormopt.result import Check
@@ -19,7 +17,6 @@ from wormopt.study import (
     checks,
     entry,
     facts,
-    number,
     on_use,
     parts,
     positive,
@@ -31,15 +28,15 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.given import wrong_count
-from wormopt.study.types import Finite, Pair, Positive, Seed, wrong_order
-from wormopt.systems.planar.tables import Body, Drags, DryGround
+from wormopt.study.types import Finite, Positive, Seed
+from wormopt.systems.planar.tables import Body, Drags, DryGround, PlanarLimits
 from wormopt.systems.shared.studies import refused_at
 
 with on_use():
     import numpy as np
 
     from wormopt.model.planar_friction import Elliptic
-    from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim, PlanarLimits, Viscous
+    from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim, Viscous
     from wormopt.systems.planar.design.gaits import (
         CLOSED,
         PlanarDesign,
@@ -87,46 +84,6 @@ class Aim(Given):
         """Yield a pose of a wrong length."""
         if self.pose is not None and len(self.pose) != 3:
             yield "pose", "missing; write [x, y, angle]"
-
-
-class Limits(Given):
-    """Limits of shape, rates, work and room."""
-
-    angle: Annotated[
-        tuple[Finite, ...],
-        Meta(min_length=2, max_length=2, description="two finite numbers, [smallest, largest]"),
-    ] = entry("least and largest joint angle", quantity="angle", default=(-2.0, 2.0))
-    length: Pair | None = entry(
-        "least and largest link length; required if lengths are shape variables",
-        quantity="length",
-        default=None,
-    )
-    angle_rate: float = positive("rate", "largest rate of a joint angle", default=1.0)
-    length_rate: float = positive("speed", "largest rate of a link length", default=1.0)
-    effort: float | None = positive(
-        "energy",
-        "largest work per cycle; for dry ground, or if `objective.purpose` is `work`",
-        default=None,
-    )
-    half_width: float | None = positive(
-        "length", "half the width of a passage along the displacement", default=None
-    )
-    radius: float = number(
-        "length", "radius of the links, rods with round ends, in the passage", least=0, default=0.0
-    )
-
-    def limits(self) -> PlanarLimits:
-        """Return the limits for the search."""
-        (bent, most), (short, long) = self.angle, self.length or (0.5, 1.0)
-        names = ("length_rate", "angle_rate", "effort", "half_width", "radius")
-        others = {name: getattr(self, name) for name in names}
-        return PlanarLimits(length=(short, long), angle=(bent, most), **others)
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield ranges in the wrong order."""
-        for name, pair in (("angle", self.angle), ("length", self.length)):
-            if pair is not None:
-                yield from wrong_order(name, pair, may_be_equal=False)
 
 
 class Search(Given):
@@ -207,7 +164,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
     )
     viscous: Drags | None = entry("viscous ground; this or `ground`", default=None)
     objective: Aim = entry("objective of the gait", default=Aim)
-    limits: Limits = entry("limits of the gait", default=Limits)
+    limits: PlanarLimits = entry("limits of the gait", default=PlanarLimits)
     search: Search = entry("starting points of the search", default=Search)
 
     def faults_of_keys(self) -> Iterator[Fault]:
@@ -236,7 +193,7 @@ class PlanarGaitDesign(Study, kind="planar-design"):
             return PlanarAim(
                 shape,
                 self._ground_of(shape),
-                self.limits.limits(),
+                self.limits,
                 aim.purpose,
                 pose=(x, y, turn) if aim.pose else None,
                 cycles=aim.cycles,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
@@ -9,7 +10,7 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.study import Given, entry, number, on_use, positive, whole
-from wormopt.study.types import Finite
+from wormopt.study.types import Finite, Pair, wrong_order
 
 with on_use():
     from wormopt.model.friction import Coulomb, NoSlip, Spike, Viscous
@@ -301,3 +302,50 @@ def wrong_rows(stroke: StrokeTable, n_s: int) -> Iterator[Fault]:
                     "they vary, then joint angles",
                 )
                 break
+
+
+class PlanarLimits(Given):
+    """Limits of shape, rates, work and room.
+
+    Examples
+    --------
+    >>> PlanarLimits(length=(0.5, 1.0), angle=(-1.0, 1.0)).angle
+    (-1.0, 1.0)
+    """
+
+    angle: Annotated[
+        tuple[Finite, ...],
+        Meta(min_length=2, max_length=2, description="two finite numbers, [smallest, largest]"),
+    ] = entry("least and largest joint angle", quantity="angle", default=(-2.0, 2.0))
+    length: Pair | None = entry(
+        "least and largest link length; required if lengths are shape variables",
+        quantity="length",
+        default=None,
+    )
+    angle_rate: float = positive("rate", "largest rate of a joint angle", default=1.0)
+    length_rate: float = positive("speed", "largest rate of a link length", default=1.0)
+    effort: float | None = positive(
+        "energy",
+        "largest work per cycle; for dry ground, or if `objective.purpose` is `work`",
+        default=None,
+    )
+    half_width: float | None = positive(
+        "length", "half the width of a passage along the displacement", default=None
+    )
+    radius: float = number(
+        "length", "radius of the links, rods with round ends, in the passage", least=0, default=0.0
+    )
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield ranges in the wrong order, angles beyond ±π, and a passage without room."""
+        for name, pair in (("angle", self.angle), ("length", self.length)):
+            if pair is not None:
+                yield from wrong_order(name, pair, may_be_equal=False)
+        if max(map(abs, self.angle)) >= math.pi:
+            yield "angle", "reaches a half turn, where links overlap; write angles within ±π"
+        if self.half_width is not None and self.half_width <= self.radius:
+            yield (
+                "half_width",
+                f"{self.half_width:g} is not above the radius of the links, {self.radius:g}; "
+                "write more",
+            )

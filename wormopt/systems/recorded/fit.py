@@ -523,7 +523,7 @@ Rows = dict[str, Mapping[str, "np.ndarray"]]
 def of_fitted_runs(found: Fit) -> Iterator[Rows]:
     """Yield readings, fit and residuals of every fitted run."""
     task = found.task
-    residuals = task.split(task.plain(found.theta)[0])
+    residuals = task.split(found.plain[0])
     for run, motion in zip(task.runs, task.motions(found.theta), strict=True):
         fitted = {name: motion[name] for name in run.readings}
         yield {

@@ -358,8 +358,7 @@ class Limits(Given, kw_only=False):
         if self.acceleration is None and not self.impulses and not motor:
             yield (
                 "acceleration",
-                f"missing, so velocities may jump; write {self.name}.acceleration or "
-                f"{self.name}.impulses = true",
+                f"missing, so velocities may jump; write {self.name}.acceleration",
             )
         if not self.impulses:
             return

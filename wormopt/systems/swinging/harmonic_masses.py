@@ -264,7 +264,7 @@ class Start(Given):
     velocity: float = number("speed", "initial velocity *V* of the centre", default=0.0)
 
 
-class Course(Given):
+class Duration(Given):
     """A simulated motion for comparison."""
 
     periods: int = whole(1, 10000, "duration in periods", default=60)
@@ -415,7 +415,7 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
     )
     worm: Masses = entry("the masses")
     start: Start = entry("start of a simulated motion for comparison", default=Start)
-    time: Course = entry("duration of the motion", default=Course)
+    time: Duration = entry("duration of the motion", default=Duration)
     averaging: AveragingTable = entry("computation of the averages", default=AveragingTable)
     tolerance: ToleranceTable = entry("tolerances of simulations", default=ToleranceTable)
 

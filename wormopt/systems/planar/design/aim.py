@@ -17,6 +17,9 @@ from wormopt.errors import ArgumentError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.systems.planar.shape import Shape
 from wormopt.systems.planar.swimming.swimmer import Swimmer
+from wormopt.systems.planar.tables import PlanarLimits
+
+_NOWHERE = "a closed gait without turn has no displacement; "
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +53,18 @@ class Dry:
         laws = self.each_law(shape)
         return np.array([min(_numbers(law)) for law in laws])
 
-    def anchor(self, shape: Shape) -> int | None:
-        """Return the mass that holds the pull of all others together and never moves, or None.
+    def why_held(self, shape: Shape) -> str:
+        """Return why no closed gait without turn has a displacement; "" if it may have one.
 
-        With this mass at rest the body turns about it so that moments balance, and it carries the
-        forces of the others, which it can. This motion has least power for any change of shape.
+        A mass that holds the pull of all others together never moves: with it at rest the body
+        turns about it so that moments balance, and it carries the forces of the others, which it
+        can. This motion has least power for any change of shape.
         """
         laws = self.each_law(shape)
         least, most = self.least_each(shape), np.array([max(_numbers(law)) for law in laws])
         found = np.flatnonzero(least >= most.sum() - most)
-        return int(found[0]) if len(found) else None
+        why = "mass {} holds the pull of all others together and never moves, so " + _NOWHERE
+        return why.format(found[0]) + "give it less friction than their sum" if len(found) else ""
 
     @property
     def most(self) -> float:
@@ -93,12 +98,16 @@ class Viscous:
             raise ArgumentError("the shape is not that of the swimmer; give the same one")
         return self.swimmer.power
 
-    def anchor(self, shape: Shape) -> str | None:
-        """Return the point that never moves, if any: the weights of drags are then constant."""
+    def why_held(self, shape: Shape) -> str:
+        """Return why no closed gait without turn has a displacement; "" if it may have one.
+
+        The centre of drag never moves if drags are constant and equal in all directions.
+        """
         (along, across), masses = self.swimmer.rods, self.swimmer.masses
         constant = not along or not any(name.startswith("length") for name in shape.names)
         alike = along == across and masses[0] == masses[1]
-        return "centre of drag" if alike and constant else None
+        why = "drag that is equal along and across holds the centre of drag in its place, so "
+        return why + _NOWHERE + "write more drag across" if alike and constant else ""
 
     symmetric: ClassVar = True
     """Whether a reversed stroke returns the body."""
@@ -129,59 +138,6 @@ Purpose = Literal["speed", "turn", "work"]
 _STROKES = 20
 """Duration of the smallest stroke over that of the usual one."""
 PIVOTS = ("any", "centre")
-
-
-@dataclass(frozen=True)
-class PlanarLimits:
-    """Limits of a gait.
-
-    Parameters
-    ----------
-    length : (float, float), optional
-        Least and largest length of links whose lengths vary.
-    angle : (float, float), optional
-        Least and largest joint angle, in rad.
-    length_rate, angle_rate : float, optional
-        Largest rate of a length (length per time) and of an angle (rad per time).
-    effort : float, optional
-        Largest work per cycle.
-    half_width : float, optional
-        Half the width of a passage along the displacement; unlimited if left out.
-    radius : float, optional
-        Radius of the links, rods with round ends, in the passage.
-
-    Raises
-    ------
-    ArgumentError
-        If a limit is inconsistent.
-
-    Examples
-    --------
-    >>> PlanarLimits(length=(0.5, 1.0), angle=(-1.0, 1.0)).angle
-    (-1.0, 1.0)
-    """
-
-    length: tuple[float, float] = (0.5, 1.0)
-    angle: tuple[float, float] = (-2.0, 2.0)
-    length_rate: float = 1.0
-    angle_rate: float = 1.0
-    effort: float | None = None
-    half_width: float | None = None
-    radius: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("length", "angle"):
-            least, most = getattr(self, name)
-            if not least < most:
-                raise ArgumentError(f"{name} must go from less to more, not {least} to {most}")
-        if self.length[0] <= 0:
-            raise ArgumentError(f"link lengths must be above 0, not {self.length[0]}")
-        if max(map(abs, self.angle)) >= np.pi:
-            raise ArgumentError("joint angles must be within ±pi")
-        if min(self.length_rate, self.angle_rate) <= 0:
-            raise ArgumentError("rates must be positive")
-        if self.half_width is not None and self.half_width <= self.radius:
-            raise ArgumentError("the passage is narrower than a link; give a larger half_width")
 
 
 def _kind(name: str) -> str:
@@ -274,22 +230,9 @@ class PlanarAim:
                 "purpose 'speed', or a pose [x, 0, 0]"
             )
         straight = self.pose is not None and self.pose[2] == 0 and self.pose != (0.0, 0.0, 0.0)
-        if self.closed and (self.purpose == "speed" or straight):
-            self._refuse_an_anchor()
-
-    def _refuse_an_anchor(self) -> None:
-        """Refuse ground on which no closed gait without turn has a displacement."""
-        held = self.ground.anchor(self.shape)
-        if held is not None and isinstance(self.ground, Viscous):
-            raise ArgumentError(
-                "drag that is equal along and across holds the centre of drag in its place, so a "
-                "closed gait without turn has no displacement; write more drag across"
-            )
-        if held is not None:
-            raise ArgumentError(
-                f"mass {held} holds the pull of all others together and never moves, so a closed "
-                "gait without turn has no displacement; give it less friction than their sum"
-            )
+        returns = self.closed and (self.purpose == "speed" or straight)
+        if returns and (why := self.ground.why_held(self.shape)):
+            raise ArgumentError(why)
 
     @property
     def single(self) -> bool:
@@ -299,7 +242,8 @@ class PlanarAim:
     @property
     def ranges(self) -> np.ndarray:
         """Least and largest value of each shape variable, (n_s, 2)."""
-        limits = [getattr(self.limits, _kind(name)) for name in self.shape.names]
+        known = {"length": self.limits.length or (0.5, 1.0), "angle": self.limits.angle}
+        limits = [known[_kind(name)] for name in self.shape.names]
         return np.array(limits, dtype=float).reshape(-1, 2)
 
     @property

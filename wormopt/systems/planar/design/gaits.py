@@ -14,6 +14,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from msgspec import structs
 from numpy.typing import ArrayLike
 
 from wormopt.errors import SolveError
@@ -390,7 +391,7 @@ def design_stroke(
     --------
     >>> from wormopt.systems.planar.shape import chain_shape
     >>> from wormopt.systems.planar.swimming.swimmer import Swimmer
-    >>> from wormopt.systems.planar.design.aim import PlanarLimits
+    >>> from wormopt.systems.planar.tables import PlanarLimits
     >>> shape = chain_shape(3, lengths=(1.0, 1.0, 1.0))
     >>> swimmer = Swimmer(shape, rods=(1.0, 2.0))
     >>> aim = PlanarAim(shape, swimmer, PlanarLimits(angle=(-1.0, 1.0)), corners=4)
@@ -440,7 +441,7 @@ def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> Pla
     """Refine a gait once more and move it exactly; narrow it if it leaves a passage."""
     room, half = aim.limits.half_width, aim.limits.half_width
     for _ in range(_NARROWINGS if room is not None else 1):
-        held = replace(aim, limits=replace(aim.limits, half_width=room))
+        held = replace(aim, limits=structs.replace(aim.limits, half_width=room))
         best = _distinct(aim, _steep(held, corners))
         design = _made_exact(aim, best, tried)
         if room is None or half is None:
