@@ -69,7 +69,8 @@ def designed(drawn: dict[str, Any], effort: str, **search: Any) -> tuple[float, 
     begun = time.process_time()
     tables = {
         "schema": 1, "kind": "gait-design", "worm": drawn["worm"], "gait": drawn["gait"],
-        "search": {"effort": effort, "workers": 1, "time_limit": _LIMIT} | search, "objective": drawn["objective"],
+        "objective": drawn["objective"],
+        "search": {"effort": effort, "workers": 1, "time_limit": _LIMIT} | search,
     }  # fmt: skip
     try:
         result = wo.run(wo.load_scene(tables))
