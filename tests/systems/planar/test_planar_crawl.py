@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from effort import examples
@@ -85,7 +87,16 @@ def test_forces_and_moment_balance_and_no_other_twist_takes_less_power(seed):
     assert least <= other.fun * (1 + 1e-12)
 
 
+def changes(found: P.Crawl) -> np.ndarray:
+    """Phases of the stroke at which a mass stops, starts or turns back."""
+    sets = [(*one.rest, *one.back) for one in found.phases]
+    return np.array([
+        one.end for one, (a, b) in zip(found.phases[:-1], pairwise(sets), strict=True) if a != b
+    ])  # fmt: skip
+
+
 @pytest.mark.slow
+@example(202)
 @settings(max_examples=examples(6))
 @given(st.integers(0, 10**6))
 def test_a_stroke_backward_undoes_itself(seed):
@@ -96,8 +107,9 @@ def test_a_stroke_backward_undoes_itself(seed):
     back = P.crawl(shape, laws, P.Harmonics(mean / 2, cosine, -sine))
     assert back.displacement == pytest.approx(inverse(there.displacement), abs=1e-8)
     assert back.work == pytest.approx(there.work, rel=1e-9)
-    # phase 0 of the backward stroke is that of the forward one
-    assert back.breaks == pytest.approx(1 - there.breaks[::-1], abs=1e-8)
+    # phase 0 of the backward stroke is that of the forward one; where the shape all but turns back,
+    # the strokes may be cut at different phases
+    assert changes(back) == pytest.approx(1 - changes(there)[::-1], abs=1e-8)
 
 
 def test_a_stroke_to_and_fro_goes_nowhere():
