@@ -23,6 +23,9 @@ from hypothesis import HealthCheck, settings  # noqa: E402
 
 import wormopt as wo  # noqa: E402
 from wormopt.result import Result  # noqa: E402
+from wormopt.simulation.native.build import compiler  # noqa: E402
+
+COMPILED = ("native", "lanes")  # routes of simulations
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -41,6 +44,18 @@ def pytest_configure(config: pytest.Config) -> None:
         suppress_health_check=[HealthCheck.too_slow],
     )
     settings.load_profile("effort")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip tests of compiled code where there is no C compiler."""
+    if compiler():
+        return
+    for item in items:
+        given = getattr(item, "callspec", None)
+        values = given.params.values() if given else ()
+        compiled = any(isinstance(value, str) and value in COMPILED for value in values)
+        if compiled or item.get_closest_marker("compiled"):
+            item.add_marker(pytest.mark.skip(reason="there is no C compiler"))
 
 
 @pytest.fixture(scope="session")

@@ -29,10 +29,7 @@ from tests.benchmarks.planar_tasks import TASKS
 from tests.oracles.driven_chain import DrivenChain, Grip, linear_flow
 from tests.oracles.integrators import Regularised, event_loop
 from wormopt.model.gait import Gait
-from wormopt.simulation.native.build import compiler
 from wormopt.simulation.simulate import simulate
-
-compiled = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
 
 # docs/verification.md
 MAG2_END = [68.6821179593, 69.1082146640, -0.1937052220, 0.7347495453]
@@ -87,7 +84,7 @@ def test_the_event_loop_finds_the_events_of_two_masses():
     assert motion.end == pytest.approx(MAG2_END, abs=2e-8)
 
 
-@compiled
+@pytest.mark.compiled
 @pytest.mark.parametrize(
     ("name", "span", "end", "error"),
     [("track14", 10.0, TRACK14_END, 1e-11), ("mag2", 400.0, MAG2_END, 2e-9)],
@@ -110,7 +107,7 @@ def test_references_of_chains_are_those_of_the_closed_form(name: str):
 
 
 @pytest.mark.parametrize("name", [n for n in WORK_PRECISION if not n.startswith("track")])
-@compiled
+@pytest.mark.compiled
 def test_wormopt_comes_to_the_goal(name: str):
     case = WORK_PRECISION[name]
     assert SOLVERS["wormopt"](case)(1e-13) == pytest.approx(case.reference, abs=GOAL)
@@ -178,7 +175,7 @@ def test_long_chains_share_their_compiled_form():
     assert motion.end_time == pytest.approx(0.2)
 
 
-@compiled
+@pytest.mark.compiled
 def test_a_benchmark_is_well_formed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

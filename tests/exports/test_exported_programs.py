@@ -201,10 +201,6 @@ def test_ros_refuses_what_it_cannot_say(tmp_path: Path):
 
 # -- FMI -----------------------------------------------------------------------------------------
 
-needs_compiler = pytest.mark.skipif(
-    not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="there is no C compiler"
-)
-
 
 def scalars(signals: Any) -> list[str]:
     return [s.name if s.size == 1 else f"{s.name}[{k}]" for s in signals for k in range(s.size)]
@@ -239,7 +235,7 @@ def worm() -> wo.Model:
     return wo.chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=law)
 
 
-@needs_compiler
+@pytest.mark.compiled
 def test_a_model_with_inputs_and_parameters(tmp_path: Path):
     model = worm()
     (fmu,) = wo.export(model, "fmu", tmp_path)
@@ -252,7 +248,7 @@ def test_a_model_with_inputs_and_parameters(tmp_path: Path):
 
 
 @pytest.mark.slow
-@needs_compiler
+@pytest.mark.compiled
 @pytest.mark.parametrize(("scene", "end"), [("fig05_lambda_trackers", 3.0), ("random_links", 2.0)])
 def test_trackers_of_a_result(scene: str, end: float, tmp_path: Path):
     asked = load_scene(scene)
@@ -266,7 +262,7 @@ def test_trackers_of_a_result(scene: str, end: float, tmp_path: Path):
         assert np.abs(found - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())
 
 
-@needs_compiler
+@pytest.mark.compiled
 @pytest.mark.parametrize(
     "scene", ["own_model", pytest.param("spiked_chain", marks=pytest.mark.slow)]
 )
@@ -279,7 +275,7 @@ def test_a_simulated_model_that_time_moves(scene: str, tmp_path: Path):
     assert np.abs(found - ours(model, 1.0)).max() < 1e-9
 
 
-@needs_compiler
+@pytest.mark.compiled
 def test_time_alone_changes_what_an_fmu_gives(tmp_path: Path):
     """What CasADi's own wrapper forgets: time set alone, derivatives at a time, usual sizes."""
     fmpy = pytest.importorskip("fmpy")
@@ -310,7 +306,7 @@ def test_time_alone_changes_what_an_fmu_gives(tmp_path: Path):
     instance.freeInstance()
 
 
-@needs_compiler
+@pytest.mark.compiled
 def test_co_simulation_is_the_motion_whatever_the_steps(tmp_path: Path):
     fmpy = pytest.importorskip("fmpy")
     model = worm()
@@ -333,7 +329,7 @@ def test_co_simulation_is_the_motion_whatever_the_steps(tmp_path: Path):
         assert np.abs(states - expected).max() < limit
 
 
-@needs_compiler
+@pytest.mark.compiled
 def test_co_simulation_stops_where_a_derivative_is_no_number(tmp_path: Path):
     """x' = sqrt(1 - t) ends at 1, whatever the states after it do."""
     fmpy = pytest.importorskip("fmpy")
@@ -345,7 +341,7 @@ def test_co_simulation_stops_where_a_derivative_is_no_number(tmp_path: Path):
         fmpy.simulate_fmu(str(fmu), fmi_type="CoSimulation", stop_time=2.0, output_interval=1.5)
 
 
-@needs_compiler
+@pytest.mark.compiled
 def test_a_saved_state_of_an_fmu_is_restored(tmp_path: Path):
     """The swing's x'' = -2 t x from 0.5 at time 0, stepped twice over the same interval."""
     fmpy = pytest.importorskip("fmpy")
@@ -377,7 +373,7 @@ def test_a_saved_state_of_an_fmu_is_restored(tmp_path: Path):
     instance.freeInstance()
 
 
-@needs_compiler
+@pytest.mark.compiled
 def test_the_sources_compile_with_the_headers_of_the_standard(tmp_path: Path):
     fmpy = pytest.importorskip("fmpy")
     (fmu,) = wo.export(swing(), "fmu", tmp_path)
@@ -403,7 +399,7 @@ def test_models_that_no_fmu_can_be_are_refused(tmp_path: Path):
     assert not [*tmp_path.iterdir()]
 
 
-@needs_compiler
+@pytest.mark.compiled
 def test_one_state_and_nothing_else(tmp_path: Path):
     x = ca.SX.sym("x")
     seen = wo.Switch("half of it", 0.5 - x, x)  # tells, and moves nothing

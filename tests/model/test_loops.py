@@ -17,7 +17,7 @@ from wormopt.simulation.native import build, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate, system_of
 
-pytestmark = pytest.mark.skipif(build.compiler() is None, reason="there is no C compiler")
+pytestmark = pytest.mark.compiled
 
 
 def evaluated(function: ca.Function, values: list[np.ndarray]) -> list[np.ndarray]:

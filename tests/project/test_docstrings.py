@@ -162,7 +162,10 @@ def test_examples_run(name: str):
 
 
 @pytest.mark.usefixtures("elsewhere")
-@pytest.mark.parametrize("name", KEPT)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.compiled] * n.endswith("native.build")) for n in KEPT],
+)
 def test_examples_of_internals_run(name: str):
     names = dict(vars(importlib.import_module(name)))
     examples = doctest.DocTestParser().get_doctest(KEPT[name], names, name, None, None)

@@ -99,6 +99,7 @@ SHOWN = {
 }
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("name", SHOWN)
 def test_a_repr_is_a_line_or_two(things: dict[str, Any], name: str):
     shown = repr(things[name])

@@ -213,6 +213,7 @@ def light_in_few_ways(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return Q @ np.diag(np.logspace(-4, 0, 4)) @ Q.T, load
 
 
+@pytest.mark.compiled
 def test_directions_hard_to_find_are_found_in_the_end(monkeypatch: pytest.MonkeyPatch):
     """Compiled steps that find none leave it to those in Python."""
     asked, in_python = list[bool](), routes._in_python
@@ -224,6 +225,7 @@ def test_directions_hard_to_find_are_found_in_the_end(monkeypatch: pytest.Monkey
     assert asked
 
 
+@pytest.mark.compiled
 def test_compiled_steps_leave_it_to_others_to_part_a_shared_load(monkeypatch: pytest.MonkeyPatch):
     """Ends of 1 and 3 let go at 4 in all; how they share less is open, so who goes first."""
     asked: list[float] = []

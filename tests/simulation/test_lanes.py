@@ -19,7 +19,7 @@ from wormopt.simulation.native import build, kernel, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
-pytestmark = pytest.mark.skipif(build.compiler() is None, reason="there is no C compiler")
+pytestmark = pytest.mark.compiled
 
 _USUAL = np.concatenate([np.linspace(-4.0, 4.0, 81), np.logspace(-300, 0, 23), [0.0, -0.0]])
 _FAR = np.array([30.0, -25.0, 99_999.0, -3e5, 1e22, 650.0, 720.0, -720.0, -800.0, 5e-324])

@@ -382,6 +382,7 @@ def test_random_chains_agree_with_differences_of_another_integrator(links: int, 
     assert np.abs(motion.end_derivative[:, 0] - by).max() < 1e-6 * np.abs(by).max()
 
 
+@pytest.mark.compiled
 def test_contacts_that_act_on_each_other_agree_with_differences():
     """Two runners joined by inertia: the force on one accelerates the other."""
     t, x, v = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("v", 2)
@@ -483,6 +484,7 @@ def test_values_of_schedules_move_the_motion_while_they_hold(route: Any):
     np.testing.assert_allclose(motion.derivative("x")[0], states * spent, rtol=1e-11, atol=1e-13)
 
 
+@pytest.mark.compiled
 def test_a_terminal_switch_moves_the_end():
     """Decay until x = 1: the end is there whatever the start, its time log(x0) / rate."""
     x, rate = ca.SX.sym("x"), ca.SX.sym("rate")

@@ -18,7 +18,7 @@ from wormopt.simulation.native.build import CompilerError, cache_folder, compile
 from wormopt.simulation.simulate import simulate
 
 COMMAND = compiler()
-pytestmark = pytest.mark.skipif(COMMAND is None, reason="there is no C compiler")
+pytestmark = pytest.mark.compiled
 
 ANSWER = [("answer.c", "int answer(void) { return 42; }\n")]
 ASK = (

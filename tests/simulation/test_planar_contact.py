@@ -244,6 +244,7 @@ def circling(t: ca.SX) -> ca.SX:
 LAWS = [Elliptic(1, 1, 1), Elliptic(1, 3, 2), Elliptic(1, 2, 0.5), AnisotropicCoulomb(1, 3, 2)]
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(
     ("law", "load"),
     [
@@ -320,6 +321,7 @@ def test_smooth_law_tends_to_the_exact_one():
     assert errors[-1] < 5e-3
 
 
+@pytest.mark.compiled
 def test_smooth_routes_agree():
     model = blocks([Elliptic(1.0, 3.0, sideways=2.0)], [0, 0], wandering)
     loose = Tolerance(1e-9, 1e-11)

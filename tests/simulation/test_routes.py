@@ -110,6 +110,7 @@ def test_the_magnetic_pair_has_the_events_of_the_benchmark(route: Route):
     assert motion.end == pytest.approx(MAG2, abs=1e-9)
 
 
+@pytest.mark.compiled
 def test_both_stepping_routes_take_the_same_steps():
     a, b = (simulate(mag2(), 100.0, route=route, dense=True) for route in STEPPING)
     assert_same(a, b, within=1e-11)
@@ -150,6 +151,7 @@ def test_schedules_are_followed_to_the_instant(route: Route, start: float):
     assert motion.states[0] == pytest.approx(x[np.round(t * 1e5).astype(int)], abs=1e-8)
 
 
+@pytest.mark.compiled
 def test_other_values_of_a_schedule_need_no_other_model():
     other = {"d": np.array([[0.0], [3.0], [0.0]])}
     ends = [simulate(saw(), 10.1, schedules=other, route=route).end for route in ALL]
@@ -157,6 +159,7 @@ def test_other_values_of_a_schedule_need_no_other_model():
     assert ends[2] == pytest.approx(ends[0], abs=1e-8)
 
 
+@pytest.mark.compiled
 def test_spikes_hit_the_ground_alike():
     worm = chain(
         2, mass=[1, 2, 1], stiffness=10.0, damping=1.0, rest_length=2.0, law=Spike(),
@@ -169,6 +172,7 @@ def test_spikes_hit_the_ground_alike():
     assert_same(a, b, within=1e-10)
 
 
+@pytest.mark.compiled
 def test_contacts_that_act_on_each_other_decide_alike():
     """Two feet on one rigid rod, velocities v + w and v - w: to hold one changes the other."""
     v, w, f, t = ca.SX.sym("v"), ca.SX.sym("w"), ca.SX.sym("f", 2), ca.SX.sym("t")
@@ -199,6 +203,7 @@ def test_a_velocity_that_is_no_state_drifts_at_rest_without_harm(route: Route):
         assert_same(simulate(model, 30.0, tolerance=tolerance, route=route), sharp, 1e3 * relative)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("v_reg", [1e-2, 1e-3])
 def test_steep_smooth_laws_are_resolved_alike(v_reg: float):
     model = sine_worm(Coulomb(1.0, 10.0))
@@ -207,6 +212,7 @@ def test_steep_smooth_laws_are_resolved_alike(v_reg: float):
     assert motions[2].end == pytest.approx(motions[0].end, abs=1e-8)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("v_reg", [1e-5, 1e-6, 1e-7])
 @pytest.mark.parametrize("relative", [1e-4, 1e-7, 1e-11])
 def test_cvodes_is_right_or_refuses(v_reg: float, relative: float):
@@ -263,6 +269,7 @@ def test_compiled_steps_are_refused_without_a_compiler():
         simulate(mag2(), 1.0, route="native")
 
 
+@pytest.mark.compiled
 def test_a_worm_in_and_out_of_its_tube_moves_alike():
     model = tracked("derivative", 2.0, watch=True, gain_start=3.0)
     t = np.linspace(0, 6, 61)
@@ -304,6 +311,7 @@ def test_sundials_says_what_it_cannot(model: Model, options: dict, words: str):
         simulate(model, 1.0, route="cvodes", **options)
 
 
+@pytest.mark.compiled
 def test_contacts_that_never_rest_need_no_smoothing():
     law = Viscous(0.5)
     worm = chain(1, mass=1.0, stiffness=5.0, damping=0.0, rest_length=1.0, law=law, velocity=1)
@@ -368,6 +376,7 @@ def random_chain(seed: int) -> Model:
 
 # Numbers are drawn from a seed: hypothesis likes round ones, with which forces touch their bounds
 # without crossing them, and there times of events are ill-conditioned.
+@pytest.mark.compiled
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=examples(15))
 def test_random_chains_move_alike(seed: int):

@@ -243,6 +243,7 @@ def test_where_implicit_steps_are_too_many_explicit_ones_go_on(monkeypatch: pyte
     assert many.events[0].time == pytest.approx(few.events[0].time, abs=1e-3)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(("end", "limits"), [(4e3, [30, 60]), (1e9, [30])])
 def test_implicit_steps_end_early_where_they_get_nowhere(
     end: float, limits: list[int], monkeypatch: pytest.MonkeyPatch

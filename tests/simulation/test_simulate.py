@@ -187,6 +187,7 @@ def test_no_short_dip_is_passed_where_velocities_are_mostly_clear_of_zero(relati
     assert found == pytest.approx((middles + half) / 3, abs=30 * relative + 1e-12)
 
 
+@pytest.mark.compiled
 def test_a_step_that_stays_clear_of_events_costs_no_more_than_its_stages():
     t = ca.SX.sym("t")
     model = block(Coulomb(0.1, 0.1), 0.2 + ca.cos(3 * t), t, v0=1.0)
@@ -422,6 +423,7 @@ def test_a_terminal_switch_ends_the_motion(route: Route, height: float, push: fl
     assert motion.dense.time[-1] == motion.end_time
 
 
+@pytest.mark.compiled
 def test_a_terminal_switch_that_has_fired_already_ends_the_motion_at_once():
     x = ca.SX.sym("x")
     late = Switch("late", x - 1, x, terminal=True)

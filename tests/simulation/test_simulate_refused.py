@@ -142,6 +142,7 @@ def test_contacts_that_rest_together_on_one_freedom_stop_it_together():
     assert motion.end == pytest.approx([0.25, 0.0], abs=1e-12)
 
 
+@pytest.mark.compiled
 def test_a_user_who_stops_is_heard():
     def stop(text: str, fraction: float | None = None) -> None:
         raise KeyboardInterrupt

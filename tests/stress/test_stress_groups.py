@@ -35,6 +35,7 @@ LONG = {
 }
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(
     "group", [pytest.param(one, marks=[pytest.mark.slow] * (one in HEAVY)) for one in GROUPS]
 )

@@ -30,6 +30,7 @@ from wormopt.systems.shared import proof, signals
 from wormopt.systems.shared.proof import warnings_of_contact
 
 
+@pytest.mark.compiled
 def test_a_second_route_that_disagrees_makes_the_result_fail(tmp_path: Path, monkeypatch: Patch):
     def elsewhere(*given: Any, **options: Any) -> Any:
         motion = simulate(*given, **options)
@@ -158,6 +159,7 @@ def stop_at(text: str, call: int = 1) -> Report:
     return report
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("text", [TRACK, SIMULATE])
 def test_a_motion_that_is_interrupted_is_kept_as_far_as_it_came(
     tmp_path: Path, monkeypatch: Patch, text: str
@@ -224,6 +226,7 @@ def test_ctrl_c_while_the_second_route_runs_is_heard(tmp_path: Path):
     assert "interrupted during recheck" in caught.value.partial.reason
 
 
+@pytest.mark.compiled
 def test_the_command_line_saves_what_was_interrupted(
     tmp_path: Path, capsys: Capture, monkeypatch: Patch
 ):

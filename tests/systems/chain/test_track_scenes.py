@@ -40,6 +40,7 @@ def test_both_trackers_end_where_the_theory_says(fig05: Result):
     assert max(value(fig05, "recheck_error")) < 1e-8
 
 
+@pytest.mark.compiled
 def test_the_trust_report_says_how_it_was_found(fig05: Result):
     trust = fig05.trust
     assert trust["treatment"] == "smooth, v_reg = 0.025"

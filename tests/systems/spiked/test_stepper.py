@@ -1,7 +1,6 @@
 """Stepping motors: step times, limits, tables, bristles that slip."""
 
 import re
-import shutil
 import subprocess
 from itertools import pairwise
 from pathlib import Path
@@ -438,7 +437,7 @@ int main(void) {
 """
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.compiled
 @pytest.mark.parametrize("still", [False, True])
 def test_the_c_table_compiles_and_replays_the_csv(tmp_path: Path, still: bool):
     gait = fast_gait(18.0, 0.1)

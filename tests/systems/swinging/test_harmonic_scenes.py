@@ -74,6 +74,7 @@ def test_masses_begin_to_reverse_at_the_extremes_of_their_swings():
 # -- scenes ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.compiled
 def test_the_packaged_scene_reaches_its_closed_form():
     result = solved()
     top = math.sin(math.pi / 2 * 0.014 / 0.026)
