@@ -9,6 +9,7 @@ written.
 import random
 import sys
 from collections.abc import Callable
+from functools import wraps
 from itertools import groupby
 from typing import Any
 
@@ -37,18 +38,28 @@ def moved(value: Any) -> Any:
 
 def pytest_configure() -> None:
     """Change what is computed with."""
-    result, signal_values = Study.result, values.signal_values
-
-    def with_numbers_moved(study: Study, report: Any = None) -> Any:
-        other = moved(study)
-        other.placed(study.name, study.folder)
-        return result(other, report)
+    signal_values = values.signal_values
+    for name in ("computed", "_reported"):
+        setattr(Study, name, _with_numbers_moved(getattr(Study, name)))
 
     def stacked(*given: Any, **more: Any) -> np.ndarray:
         return np.array([moved(float(value)) for value in signal_values(*given, **more)])
 
-    Study.result = with_numbers_moved
     _put_in_place(signal_values, stacked)
+
+
+def _with_numbers_moved(compute: Callable[..., Any]) -> Callable[..., Any]:
+    """Move the numbers of a study before anything is computed, once."""
+
+    @wraps(compute)
+    def computed(study: Study, *given: Any) -> Any:
+        if not vars(study).get("_moved"):
+            vars(study)["_moved"] = True
+            for name in study.__struct_fields__:
+                msgspec.structs.force_setattr(study, name, moved(getattr(study, name)))
+        return compute(study, *given)
+
+    return computed
 
 
 def _put_in_place(old: Callable[..., Any], new: Callable[..., Any]) -> None:

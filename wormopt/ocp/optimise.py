@@ -495,7 +495,8 @@ def refine(
     for k in range(rounds):
         worst.append(float(optimum.defects.max()))
         far = worst[-1] > 10 * tolerance
-        of_no_use = len(worst) > 2 and far and not worst[-1] < worst[-2] / 3
+        # one round may miss: the arcs of a mesh are divided by the errors of the one before
+        of_no_use = len(worst) > 3 and far and not min(worst[-2:]) < min(worst[:-2]) / 3
         mesh = finer(optimum.motion.mesh, optimum.defects, tolerance)
         if mesh.total == optimum.motion.mesh.total or mesh.total > most_arcs or of_no_use:
             break

@@ -44,7 +44,6 @@ def exact() -> Result:
     return crawl("search.starts=1", "mesh.arcs=20", want=())
 
 
-@pytest.mark.compiled
 def test_the_simulator_repeats_the_exact_crawl_and_the_period_closes(exact: Result):
     assert exact.status == "ok"
     assert value(exact, "recheck_error") < 1e-7
