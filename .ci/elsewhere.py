@@ -52,12 +52,12 @@ def _with_numbers_moved(compute: Callable[..., Any]) -> Callable[..., Any]:
     """Move the numbers of a study before anything is computed, once."""
 
     @wraps(compute)
-    def computed(study: Study, *given: Any) -> Any:
+    def computed(study: Study, *given: Any, **more: Any) -> Any:
         if not vars(study).get("_moved"):
             vars(study)["_moved"] = True
             for name in study.__struct_fields__:
                 msgspec.structs.force_setattr(study, name, moved(getattr(study, name)))
-        return compute(study, *given)
+        return compute(study, *given, **more)
 
     return computed
 

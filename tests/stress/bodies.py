@@ -327,6 +327,6 @@ def _no_body(dice: Dice) -> Judged:
     yield "rise", refused(lambda: exact_elastica("sleeve", SLEEVE_RISE * more), "rise", "1.66")
     yield "length", refused(lambda: Rod(-more, 1.0, 1.0, 1.0), "length must be positive")
     yield "volume", refused(lambda: Rod(1, 1, 1, 1, poisson_ratio=more), "poisson_ratio", "0.5")
-    yield "skin", refused(lambda: Rod(1, 1, 1, 1, skin=more), "skin", "write less")
+    yield "skin", refused(lambda: Rod(1, 1, 1, 1, skin=more), "skin", "write at most")
     rod = Rod(1.0, 1.0, 1.0, 1.0, elements=1)
     yield "room", refused(lambda: channel_rod(rod, 1 / more, 0.5), "diameter", "channel")

@@ -117,7 +117,8 @@ def test_the_least_effort_is_as_exact_in_other_units(size: float):
 def test_the_pair_reaches_its_closed_form():
     result, k = solved("chernousko_pair"), 0.3 * 9.81 * 0.1
     assert value(result, "speed") == pytest.approx((math.sqrt(2) - 1) / 2 * math.sqrt(k), abs=1e-9)
-    assert value(result, "mass_ratio") == pytest.approx(math.sqrt(2) - 1, abs=1e-7)
+    # the speed hardly changes there: rounding of 1e-13 of it decides the ratio to its root
+    assert value(result, "mass_ratio") == pytest.approx(math.sqrt(2) - 1, abs=1e-6)
     assert value(result, "recheck_error") < 1e-12
     assert value(result, "mode_sequence") == [[0, 1], [0, 1]]
     assert result.scalars["speed"].unit == "m s-1"

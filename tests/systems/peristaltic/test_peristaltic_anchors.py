@@ -274,7 +274,7 @@ def test_a_push_beyond_elastic_return_is_warned_of():
     assert any("worm.push" in warning for warning in result.trust["warnings"])
 
 
-@pytest.mark.parametrize(("drag", "spare"), [(0.01, False), (0.009, True)])
+@pytest.mark.parametrize(("drag", "spare"), [(0.01 * (1 - 1e-11), False), (0.009, True)])
 def test_anchors_that_hold_just_what_they_must_are_warned_of(drag: float, spare: bool):
     """One of three holds 0.25 times 0.08 N, and two move."""
     tube = ["pipe.friction=0.25", "pipe.wall_force=0.08", f"worm.drag={drag}"]

@@ -158,10 +158,10 @@ def test_python_proves_what_a_scene_proves():
     found = designed_once(task, scene.table.search)
     told = wo.certify(found, gap=2e-2)
     result = wo.run(scene)
-    assert told.bound == value(result, "bound")
-    assert told.gap == value(result, "gap_certified")
+    assert told.bound == pytest.approx(value(result, "bound"), rel=1e-9)
+    assert told.gap == pytest.approx(value(result, "gap_certified"), rel=1e-7)
     assert told.certificate is not None
-    assert told.certificate.text == result.attributes["certificate"]
+    assert wo.verify(told.certificate).holds
 
 
 def test_a_proof_refuses_what_it_cannot_use():

@@ -382,7 +382,7 @@ def _closed(
     if "input" not in names:
         raise ArgumentError(f"{loop.name} has no output 'input' for the action of the controller")
     own = next((p.value for p in loop.p if p.name == "tube_radius"), radius)
-    if own != radius:
+    if not np.allclose(own, radius, rtol=1e-9, atol=0.0):
         raise ArgumentError(
             f"tube_radius={own} differs from {radius:g}, the radius of the comparison; "
             "write the same value"
