@@ -15,6 +15,7 @@ import wormopt as wo
 from tests.oracles.by_crawls import CIRCLE, SNAKE, THREE
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
+from wormopt.systems.planar.crawling.crawl import Crawl
 from wormopt.systems.planar.planar_turn import TurnInPlace, swing_hold
 from wormopt.systems.planar.poses import inverse
 
@@ -87,7 +88,7 @@ def test_forces_and_moment_balance_and_no_other_twist_takes_less_power(seed):
     assert least <= other.fun * (1 + 1e-12)
 
 
-def changes(found: P.Crawl) -> np.ndarray:
+def changes(found: Crawl) -> np.ndarray:
     """Phases of the stroke at which a mass stops, starts or turns back."""
     sets = [(*one.rest, *one.back) for one in found.phases]
     return np.array([

@@ -381,7 +381,8 @@ def _closed(
     names = {output.name for output in loop.outputs}
     if "input" not in names:
         raise ArgumentError(f"{loop.name} has no output 'input' for the action of the controller")
-    own = next((p.value for p in loop.p if p.name == "tube_radius"), radius)
+    radii = (p.value for p in loop.p if p.name == "tube_radius" and p.value is not None)
+    own = next(radii, radius)
     if not np.allclose(own, radius, rtol=1e-9, atol=0.0):
         raise ArgumentError(
             f"tube_radius={own} differs from {radius:g}, the radius of the comparison; "
