@@ -189,6 +189,14 @@ def test_a_branch_that_starts_at_an_end_of_its_range_is_whole(value: float):
     assert branch.at(grid).x[:, 0] == pytest.approx(grid, abs=1e-12)
 
 
+def test_a_branch_whose_last_sample_is_repeated_includes_its_end(cusp: Branch):
+    """A walk from an end of the range samples it twice, with states that differ by round-off."""
+    again = np.append(np.arange(len(cusp.parameter)), -1)
+    twice = replace(cusp, parameter=cusp.parameter[again], x=cusp.x[again])
+    assert twice.at([2.0]).x == pytest.approx(cusp.at([2.0]).x, abs=1e-12)
+    assert len(cusp.at([2.0]).x) == 1
+
+
 def test_a_branch_that_comes_back_to_its_start_is_closed():
     start = steady_states(oval(), {"x": (0.0, 2.0), "y": (0.0, 2.0)})[0]
     branch = continue_branch(start, "r", (-1.0, 1.0))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -143,12 +142,12 @@ class Branch:
         """
         rates, values = rates_of(self.model), np.atleast_1d(np.asarray(values, float))
         starts, wanted, steps = [], [], []
-        for k, (low, high) in enumerate(pairwise(self.parameter)):
-            if low == high:
-                continue
+        stretches = np.flatnonzero(np.diff(self.parameter))
+        for k in stretches:
+            low, high = self.parameter[k : k + 2]
             share = (values - low) / (high - low)
             # a value that ends a stretch belongs to the next one, if there is one
-            last = k == len(self.parameter) - 2
+            last = k == stretches[-1]
             inside = np.flatnonzero((share >= 0) & ((share < 1) | (last & (share == 1))))
             inside = inside[np.argsort(share[inside])]
             starts += [self.x[k] + share[i] * (self.x[k + 1] - self.x[k]) for i in inside]

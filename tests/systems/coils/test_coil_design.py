@@ -16,7 +16,7 @@ from wormopt.numerics.direct_search import evolve
 from wormopt.numerics.workers import Workers
 from wormopt.study.scene import load_scene
 from wormopt.systems.coils import coil_design
-from wormopt.systems.coils.design import Task, neighbours
+from wormopt.systems.coils.design import Judged, Task, neighbours, starts_of
 from wormopt.systems.coils.film import Float, Layer
 from wormopt.systems.coils.patterns import (
     Form,
@@ -213,6 +213,25 @@ def test_least_power_beats_mean_field_and_block_and_may_be_faster_than_asked() -
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_as_many_searches_start_as_are_written(count: int) -> None:
+    pattern = block(2, 1.0, 1.0, 5, 1, "steps")
+    rivals = [
+        Judged(pattern, name, value, 1.0, value)
+        for name, value in (("wave", 4.0), ("wave", 3.0), ("block", 2.0), ("block", 1.0))
+    ]
+    found = [(one.name, one.value) for one in starts_of(rivals, count)]
+    assert found == [("block", 2.0), ("wave", 4.0), ("wave", 3.0), ("block", 1.0)][:count]
+
+
+@pytest.mark.parametrize(("speed", "gain"), [(2.0, 0.5), (0.0, None), (-1.0, None)])
+def test_the_gain_over_a_rival_that_does_not_move_is_unknown(
+    monkeypatch: pytest.MonkeyPatch, speed: float, gain: float | None
+) -> None:
+    monkeypatch.setattr(coil_design.CoilDesign, "float_speed", 3.0)
+    assert wo.load("coil_cargo_design").gain_over(speed, 1.0) == gain
+
+
 def test_a_rival_that_no_search_betters_is_the_design(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where searches end, on the coarse grid, at currents that are worse on the fine one."""
     monkeypatch.setattr(coil_design, "search", lambda *_: [])

@@ -15,10 +15,12 @@ from wormopt.analysis.steady import Rates, steady_states
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.numerics.newton import newton
+from wormopt.progress import silent
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.pair.exact import magnetic_pair, scaled_law
 from wormopt.systems.pair.slow import averaged_pair, from_slow, slow_pair, steady_pair
+from wormopt.systems.pair.steady import Pair, Points, confirm
 
 NATURAL = math.sqrt(2)
 # docs/verification.md: steady motion (19) at the chapter's data, and exact mean velocities.
@@ -309,7 +311,7 @@ def test_pairs_without_steady_motion_fail_with_the_reason(
         ("pair.cosines=[1.0, 0.0]", "pair.cosines", "second number 0"),
         ('pair.friction={kind="spike"}', "pair.friction", "do not slide back"),
         ("pair.friction.stick_forward=0.1", "pair.friction.stick_forward", "stiction is below"),
-        ("detuning=-40.0", "detuning", "no positive frequency"),
+        ("detuning=-27.0", "detuning", "= 0.06421, which is not above 0.1"),
         ("pair.speed=1.0", "pair.speed", "speed"),
         ("time.end=1.0", "time.end", "twice time.periods"),
         ("pair.friction.forward=0.0", "pair.friction", "no resistance to motion forward"),
@@ -337,7 +339,8 @@ points = 20
 
 
 def test_both_branches_are_those_of_19(tmp_path: Path):
-    result = run_text(tmp_path, SWEEP, "frequencies.points=4")
+    # a search at the detuning 0.26 finds a swing of 0.76
+    result = run_text(tmp_path, SWEEP, "frequencies.points=4", "frequencies.largest=0.7")
     assert value(result, "branches") == 2
     assert value(result, "delta_fold") == []
     assert value(result, "stable") == 4
@@ -349,7 +352,8 @@ def test_both_branches_are_those_of_19(tmp_path: Path):
         assert (velocity, amplitude) == pytest.approx(
             (closed.velocity, closed.amplitude), rel=1e-12
         )
-    assert any("are unbounded" in warning for warning in result.trust["warnings"])
+    told = "the swing of 2 branches exceeds frequencies.largest = 0.7 lengths"
+    assert any(told in warning for warning in result.trust["warnings"])
 
 
 def test_exact_motions_confirm_the_branches(tmp_path: Path):
@@ -366,6 +370,9 @@ def test_exact_motions_confirm_the_branches(tmp_path: Path):
 def test_folds_of_a_resonance(tmp_path: Path):
     result = run_text(tmp_path, SWEEP, STRIBECK, "frequencies.detuning=[0.3, 3.0]")
     (fold,) = value(result, "delta_fold")
+    around = ["frequencies.detuning=[-3.0, 3.0]", "frequencies.points=2"]
+    with pytest.raises(SolveError, match="no branch has a steady motion at the 2 detunings"):
+        run_text(tmp_path, SWEEP, STRIBECK, *around)
     assert result["detuning"].values.max() < fold < 3.0
     assert value(result, "steady_motions") > value(result, "stable") > 0
     eps = 0.0355
@@ -377,6 +384,14 @@ def test_folds_of_a_resonance(tmp_path: Path):
         frequency = NATURAL + 0.0355 * (fold + side)
         box = {"center_velocity": (-1.0, 1.0), "swing": (-1.0, 1.0)}
         assert len(steady_states(model, box, p={"frequency": frequency}, starts=300)) == count
+
+
+def test_without_stable_points_no_exact_motion_is_simulated():
+    laws = Coulomb(0.5, 1.0), Coulomb(0.5, 1.0)
+    saddle = Points(np.zeros(1), np.ones((1, 3)), np.zeros(1, bool), np.zeros(1), np.ones(1))
+    exact = confirm(Pair(0.01, laws, (1.0, 1.0), 4), saddle, 100.0, 5, wo.Tolerance(), silent)
+    assert np.isnan(exact.velocity).all()
+    assert not exact.settled.any()
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ from wormopt.systems.pair.waveform import (
     FieldLimits,
     best_harmonic,
     first_harmonic,
+    orbit_from,
     push_left,
     settle,
     waveform_problem,
@@ -266,6 +267,12 @@ def test_through_the_resonance_the_strain_rules():
     predicted = swing / 2 * value(result, "frequency") * math.sin(math.pi / 6)
     assert value(result, "speed") == pytest.approx(predicted, rel=EPS)
     assert value(result, "speed_simulated") > value(result, "speed_harmonic")
+
+
+def test_a_mass_that_only_creeps_counts_as_resting():
+    for speed, moves in ((1e-9, False), (1e-3, True)):
+        start = np.array([0.0, EPS, speed, 0.0])  # the field stretches the link by EPS
+        assert orbit_from(pair_in((1.0, 0.0)), 2 * math.pi / NU, start).moves is moves
 
 
 def test_a_push_off_an_orbit_that_is_none_stays():

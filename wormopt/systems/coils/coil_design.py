@@ -294,7 +294,7 @@ class CoilDesign(OverCoils, kind="coil-design"):
     def gain_over(self, speed: float, power: float) -> float | None:
         """Return the relative gain of the design; unknown against a rival that is too slow."""
         if self.objective.speed is None:
-            return self.float_speed / speed - 1
+            return self.float_speed / speed - 1 if speed > 0 else None
         return None if speed < 0.99 * self.objective.speed else 1 - self.power / power
 
     @scalar("power", "mean power of all coils")
@@ -407,7 +407,9 @@ class CoilDesign(OverCoils, kind="coil-design"):
     def neighbour_gain(self) -> float:
         here = self.task.judge(("design", self.design))
         gain = max(best(self.neighbouring_patterns).value - here.value, 0.0)
-        return float(gain / here.speed if self.objective.seek == "speed" else gain)
+        if self.objective.seek == "speed":
+            gain /= abs(here.speed) or gain or 1.0
+        return float(gain)
 
     @check(0.05, "a neighbouring pattern is better by {value:.2g}; raise search.generations")
     def neighbours(self) -> float:

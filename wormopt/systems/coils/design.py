@@ -193,10 +193,10 @@ class Found:
 
 
 def starts_of(rivals: Sequence[Judged], count: int) -> list[Judged]:
-    """Return the best rival of each sort, then the next best ones until there are `count`."""
-    first = {one.name: one for one in reversed(rivals)}
-    others = [one for one in rivals if one not in first.values()]
-    return [*first.values(), *others[: max(0, count - len(first))]]
+    """Return `count` rivals: the best block, the best wave, then the next best ones."""
+    best_of = {one.name: one for one in reversed(rivals)}
+    first = [best_of[name] for name in sorted(best_of)]
+    return [*first, *(one for one in rivals if one not in first)][:count]
 
 
 def search(

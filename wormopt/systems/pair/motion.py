@@ -140,9 +140,9 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield a frequency below 0, and a duration too short for the means."""
         yield from self.pair.faults_in(self.units)
-        if self.nu <= 0.1:
-            yield "detuning", "gives no positive frequency; write a number closer to 0"
-        elif self.time.end is not None:
+        slow = list(self.pair.slow_fields("detuning", self.detuning))
+        yield from slow
+        if not slow and self.time.end is not None:
             least = 2 * self.time.periods * self.turn * self.pair.time_unit
             if self.time.end < least:
                 yield (

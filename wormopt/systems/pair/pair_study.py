@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import cached_property
 
@@ -40,9 +41,9 @@ class PairStudy(Study):
     def u0(self) -> float:
         return 2 * self.eps
 
-    def no_steady_motion(self, detuning: float) -> SolveError:
-        """Error for a pair without a steady motion at a detuning."""
-        reason = self.dimensionless.why_none(detuning)
+    def no_steady_motion(self, detuning: float, largest: float = math.inf) -> SolveError:
+        """Error for a pair without a steady motion at a detuning, with a swing up to `largest`."""
+        reason = self.dimensionless.why_none(detuning, largest)
         suggestion = "change detuning, pair.friction or pair.cosines"
         return SolveError(reason, suggestion, code="no_steady_motion")
 

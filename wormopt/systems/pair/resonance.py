@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import Fault
+from wormopt.errors import Fault, SolveError
 from wormopt.result import Check, left_out
 from wormopt.study import (
     Given,
@@ -30,7 +30,7 @@ from wormopt.study import (
 )
 from wormopt.study.types import Finite, wrong_order
 from wormopt.systems.pair.pair_study import PairStudy
-from wormopt.systems.pair.tables import NATURAL
+from wormopt.systems.pair.tables import LOWEST, NATURAL
 
 with on_use():
     import numpy as np
@@ -125,32 +125,37 @@ class Resonance(PairStudy, kind="resonance"):
         yield from self.pair.faults_in(self.units)
         lowest = NATURAL + self.pair.smallness * self.frequencies.detuning[0]
         if self.confirm is not None:
-            least = 2 * self.confirm.periods * 2 * math.pi / max(lowest, 0.1)
+            least = 2 * self.confirm.periods * 2 * math.pi / max(lowest, LOWEST)
             if self.confirm.time < least:
                 yield (
                     "confirm.time",
                     f"is shorter than twice confirm.periods; write at least {least:.5g}, or fewer "
                     "periods",
                 )
-        if lowest <= 0.1:
-            yield (
-                "frequencies.detuning",
-                "gives no positive frequency; write a least detuning closer to 0",
-            )
+        yield from self.pair.slow_fields("frequencies.detuning", self.frequencies.detuning[0])
 
     @stage
     def continuation(self) -> list[Branch]:
         low, high = self.frequencies.detuning
         found = branches_of(self.dimensionless, (low, high), self.frequencies.largest)
         if not found:
-            raise self.no_steady_motion((low + high) / 2 or high)
+            raise self.no_steady_motion((low + high) / 2 or high, self.frequencies.largest)
         return found
 
     @stage
     def steady_points(self) -> Points:
         low, high = self.frequencies.detuning
         detuning = np.linspace(low, high, self.frequencies.points)
-        return points_of(self.dimensionless, self.continuation, detuning)
+        found = points_of(self.dimensionless, self.continuation, detuning)
+        if not found.detuning.size:
+            at = self.curves.curve_detuning
+            raise SolveError(
+                f"no branch has a steady motion at the {len(detuning)} detunings of the result; "
+                f"they are between {at.min():.6g} and {at.max():.6g}",
+                "write frequencies.detuning within that range, or more frequencies.points",
+                code="no_steady_motion",
+            )
+        return found
 
     @stage
     def exact_motions(self) -> Exact | None:
@@ -261,8 +266,9 @@ class Resonance(PairStudy, kind="resonance"):
         points, ends = self.steady_points, [branch.ends for branch in self.continuation]
         if runaways := sum("runaway" in of_branch for of_branch in ends):
             yield (
-                f"{runaways} branches are unbounded: nothing limits the swing at the natural "
-                "frequency, and the law of the material is for small strains"
+                f"the swing of {runaways} branches exceeds frequencies.largest = "
+                f"{self.frequencies.largest:g} lengths of the link near the natural frequency, but "
+                "the law of the material is for small strains"
             )
         if lost := sum("lost" in of_branch or "steps" in of_branch for of_branch in ends):
             yield f"{lost} branches ended before the end of the sweep"

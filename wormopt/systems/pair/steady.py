@@ -151,13 +151,14 @@ class Pair:
         known = np.array([closed.velocity, *(closed.amplitude * turn)])
         return float(np.abs(x - known).max() / np.abs(known).max())
 
-    def why_none(self, detuning: float) -> str:
-        """Reason why there is no steady motion at detuning Delta."""
+    def why_none(self, detuning: float, largest: float) -> str:
+        """Reason why there is no steady motion with a swing up to `largest` at detuning Delta."""
         try:
             self.closed_form(detuning)
         except ArgumentError as error:
             return str(error)
-        return "the averaged pair has no steady motion with a swing up to 100 lengths of the link"
+        size = f"{min(largest, _LARGEST):g} lengths of the link"
+        return f"the averaged pair has no steady motion with a swing up to {size}"
 
     def quadrature_error(self, state: SteadyState) -> float:
         """Change of the mean rates at a state with twice the points of quadrature, over eps."""
@@ -217,7 +218,9 @@ def branches_of(pair: Pair, detuning: tuple[float, float], largest: float) -> li
     places, seen = [low + share * (high - low) for share in _BEGINNINGS], 0
     while places:
         for state in pair.steady(places.pop(0)):
-            if not any(_on(branch, state) for branch in found) and len(found) < _MOST:
+            # a state beyond `largest` is on the unbounded part of a branch
+            known = np.hypot(*state.states["swing"]) > largest or any(_on(b, state) for b in found)
+            if not known and len(found) < _MOST:
                 found.append(continue_branch(state, "frequency", span, largest=largest))
         for branch in found[seen:]:
             crossings = map(pair.detuning, _crossings(branch))
@@ -276,6 +279,9 @@ def confirm(
 ) -> Exact:
     """Simulate from every stable point, and average the last periods of the field."""
     which = np.flatnonzero(points.stable)
+    means = np.full((2, len(points.detuning)), np.nan)
+    if not which.size:
+        return Exact(means[1], means[0], 0)
     members, marks = [], []
     for k in which:
         nu = pair.frequency(points.detuning[k])
@@ -288,6 +294,5 @@ def confirm(
     # Displacement over time between the marks of every member.
     columns = np.searchsorted(motions.time, marks)
     places = np.take_along_axis(motions.states[:, :2].mean(axis=1), columns, axis=1)
-    means = np.full((2, len(points.detuning)), np.nan)
     means[:, which] = (np.diff(places, axis=1) / np.diff(marks, axis=1)).T
     return Exact(means[1], means[0], sum(code != "" for code in motions.codes))

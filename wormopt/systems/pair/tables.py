@@ -16,6 +16,9 @@ from wormopt.systems.chain import Friction, SpikeFriction, ViscousFriction, faul
 NATURAL = math.sqrt(2)
 """Natural frequency of the free masses against each other, over sqrt(c / m)."""
 
+LOWEST = 0.1
+"""Frequency in the same unit that the field must exceed."""
+
 Cosines = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=13, description="2 to 13 finite numbers, the mean first"),
@@ -97,6 +100,17 @@ class PairTable(Given):
                     f"has no resistance to motion {side}: every velocity at which both masses "
                     f"slide {side} is steady; write friction {side}",
                 )
+
+    def slow_fields(self, key: str, detuning: float) -> Iterator[Fault]:
+        """Yield a detuning, given by `key`, at which the field is too slow."""
+        frequency = NATURAL + self.smallness * detuning
+        if frequency <= LOWEST:
+            least = (LOWEST - NATURAL) / self.smallness
+            yield (
+                key,
+                f"{detuning:g} gives the frequency sqrt(2) + eps * {detuning:g} = {frequency:.4g}, "
+                f"which is not above {LOWEST:g}; write a detuning above {least:.4g}",
+            )
 
     def faults_in(self, units: str) -> Iterator[Fault]:
         """Yield what does not fit the units of the scene."""

@@ -43,6 +43,8 @@ _PUSH, _DIRECTION, _LOOK = 1e-3, np.array([1.0, -0.7, 0.4]), 20
 _BLOCK, _MOST, _MOST_SOON = 20, 20_000, 5000
 # Change over a block, relative to the motion, below which it counts as periodic.
 _SETTLED = 1e-10
+# Way of a mass in a period, relative to the stretch, above which it moves.
+_MOVES = 1e-5
 # A swing that exceeds the allowed strain by this factor does not return.
 _LOST = 3.0
 # Number of amplitudes, until a limit is met to this share; during a search the tolerance is larger.
@@ -95,10 +97,11 @@ class Orbit:
 
     @property
     def moves(self) -> bool:
-        """Whether any mass moves at all."""
+        """Whether any mass moves by more than an orbit that dies out, or hardly slips, does."""
         dense = self.motion.dense
         assert dense is not None
-        return bool(np.max(np.abs(dense(dense.time)[2:])) > 0)
+        way = np.max(np.abs(dense(dense.time)[2:])) * self.motion.end_time
+        return bool(way > _MOVES * self.strain)
 
     @property
     def work_per_distance(self) -> float | None:
