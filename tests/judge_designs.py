@@ -65,7 +65,10 @@ def draw(number: int) -> dict[str, Any]:
 
 
 def designed(drawn: dict[str, Any], effort: str, **search: Any) -> tuple[float, list[Any], float]:
-    """Objective, to be large; sequences that came near it; and processor seconds."""
+    """Objective, to be large; sequences that came near it; and processor seconds.
+
+    On a busy machine the time limit ends searches early: let nothing else run.
+    """
     begun = time.process_time()
     tables = {
         "schema": 1, "kind": "gait-design", "worm": drawn["worm"], "gait": drawn["gait"],
