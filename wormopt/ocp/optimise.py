@@ -491,12 +491,14 @@ def refine(
     (True, True)
     """
     p = optimum.motion.parameters if p is None else p
-    worst = list[float]()
+    worst, arcs = list[float](), list[int]()
     for k in range(rounds):
         worst.append(float(optimum.defects.max()))
+        arcs.append(optimum.motion.mesh.total)
         far = worst[-1] > 10 * tolerance
-        # one round may miss: the arcs of a mesh are divided by the errors of the one before
-        of_no_use = len(worst) > 3 and far and not min(worst[-2:]) < min(worst[:-2]) / 3
+        # a few more arcs may miss where the error is
+        of_no_use = len(worst) > 2 and far and not worst[-1] < worst[-2] / 3
+        of_no_use = of_no_use and arcs[-1] > 1.5 * arcs[-2]
         mesh = finer(optimum.motion.mesh, optimum.defects, tolerance)
         if mesh.total == optimum.motion.mesh.total or mesh.total > most_arcs or of_no_use:
             break
