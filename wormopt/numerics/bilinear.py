@@ -345,9 +345,9 @@ class BilinearProgram(Linearised):
 
         Returns the point, unchanged if sharpening would violate other rows, and multipliers
         (rows,): gain per unit by which a side moves. `radius`: trust region of the active-set
-        step; `lost`: share of the value that exact limits may cost.
+        step; `lost`: share of the value that exact limits may cost, unless nothing else is exact.
         """
-        multipliers = np.zeros(len(self.row_lower))
+        multipliers, exact = np.zeros(len(self.row_lower)), list[Point]()
         for near in (radius, 1e-3 * radius):
             found = self._step(point.x, near * np.maximum(point.x[self.held], 1e-12))
             if found is None:
@@ -356,10 +356,12 @@ class BilinearProgram(Linearised):
             x = self._on_active(np.array(found.col_value))
             sharp = point if x is None else Point(x, self.value(x))
             if sharp.value < point.value - lost * abs(point.value):
+                exact += [sharp] if self.violation(sharp.x) <= 10 * _SHARP else []
                 sharp = point  # the trust region limited the step
             if self.violation(sharp.x) <= 10 * _SHARP:
                 return sharp, multipliers
-        return self.inside(point, _MARGIN) or point, multipliers
+        inner = self.inside(point, _MARGIN)
+        return inner or max(exact, key=lambda p: p.value, default=point), multipliers
 
     def _on_active(self, x: np.ndarray) -> np.ndarray | None:
         """Rows and bounds at their sides in the last basis, and those that this would break."""
@@ -382,10 +384,10 @@ class BilinearProgram(Linearised):
         return None
 
     def inside(self, point: Point, margin: float) -> Point | None:
-        """The best nearby point a little within all sides, equations exact; None if none.
+        """The best nearby point a little within all sides of rows and columns; None if none.
 
-        Held columns stay, or move a little if no such point is left. `margin` from the sides
-        must exceed the solver's error.
+        Equations are exact. Held columns stay, or move a little if no such point is left. `margin`
+        from the sides must exceed the solver's error.
         """
         for radius in (0.0, _INWARD * np.sqrt(margin)):
             found = self._within(point.x, margin, radius)
@@ -399,17 +401,21 @@ class BilinearProgram(Linearised):
         moving[self.held] = radius > 0
         open_rows = self.row_lower < self.row_upper
         room = margin * (open_rows & (abs(self.jacobian(x)[:, moving]).sum(axis=1) > 0))
-        sides = self.row_lower, self.row_upper
+        sides, bounds = (self.row_lower, self.row_upper), (self.lower, self.upper)
+        within = margin * (moving & (bounds[1] - bounds[0] > 4 * margin))
+        inner = bounds[0] + within, bounds[1] - within
         self.row_lower, self.row_upper = sides[0] + room, sides[1] - room
+        self.lower, self.upper = inner
         try:
             near = radius * np.maximum(x[self.held], x[self.held].mean())
             found = self._step(self.repaired(x), near)
         finally:
             self.row_lower, self.row_upper = sides
+            self.lower, self.upper = bounds
         if found is None:
             return None
-        x = np.clip(self.repaired(np.array(found.col_value)), self.lower, self.upper)
-        free = (x > self.lower + margin) & (x < self.upper - margin) & moving
+        x = np.clip(self.repaired(np.array(found.col_value)), *inner)
+        free = (x > inner[0]) & (x < inner[1]) & moving
         exact = self._projected(x, sides[0], ~open_rows, free)
         if exact is None:
             return None

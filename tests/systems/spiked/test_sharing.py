@@ -13,9 +13,17 @@ from scipy.optimize import lsq_linear
 
 from wormopt.systems.spiked.construct import block_wave
 from wormopt.systems.spiked.crawl import crawl
-from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design.design import Design, objective_of, sharpened
 from wormopt.systems.spiked.design.optimize import design
-from wormopt.systems.spiked.gait_problem import Cost, Search
+from wormopt.systems.spiked.gait_problem import (
+    Cost,
+    GaitProblem,
+    Limits,
+    Objective,
+    Search,
+    Worm,
+)
+from wormopt.systems.spiked.search.trial import Trier
 from wormopt.systems.spiked.sharing import share_load
 
 Split = tuple[np.ndarray, float, list[int], np.ndarray, np.ndarray]
@@ -160,3 +168,35 @@ def test_peaks_minimised_are_those_of_the_rule(cost: Cost, signal: str):
     peak = float(np.abs(found.motion.extremes(signal)).max())
     assert peak == pytest.approx(-found.trial.value, rel=1e-9)
     assert found.speed == pytest.approx(0.2, rel=1e-9)
+
+
+def test_no_further_mass_rests_where_it_would_raise_the_peak():
+    """In the program only two masses rest; a third at rest would take load, and the peak is 6.6."""
+    worm = Worm(links=3, load=2.5, drag=1.1)
+    limits = Limits(
+        period=1.5, length=((0.6, 1.06), (0.6, 1.04), (0.6, 1.22)), rate=1.4, acceleration=10.6,
+        resting=2,
+    )  # fmt: skip
+    task = GaitProblem(worm, limits, Objective.of("peak_actuator_force", 0.362))
+    trier = Trier(task)
+    free = trier.free(((0, 3), (2, 3), (1, 2)))
+    trial = free and trier.fit(free)
+    assert trial is not None
+    sharp, _, keeps = sharpened(trier, trial, quickly=True)
+    assert keeps
+    motion = crawl(sharp.gait, worm.masses, worm.drag, worm.loads(2.5), limits.sharing)
+    assert objective_of(motion, "peak_actuator_force") == pytest.approx(-sharp.value, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_gait_is_closed_where_exact_limits_cost_more_than_usual():
+    """By the tolerance of the linear programs its value is 1e-7 too high."""
+    limits = Limits(
+        period=(0.5, 20.0), length=((0.6, 1.14), (0.6, 0.83)), rate=1.4, acceleration=26.7,
+        resting=2,
+    )  # fmt: skip
+    found = design(
+        Worm(links=2, load=2.5, drag=0.5), limits, "peak_actuator_force", speed=0.164,
+        search=Search(effort="quick", sequence=((0, 2), (1, 2), (0, 1))),
+    )  # fmt: skip
+    assert max(found.violations.values()) < 1e-9
