@@ -10,12 +10,12 @@ import json
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import wormopt as wo
+from tests.judging import judged
 from wormopt.errors import SolveError
 
 COSTS = ("peak_spike_load", "peak_actuator_force", "energy_per_distance", "acceleration_effort")
@@ -141,14 +141,7 @@ def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     """Judge, or summarise what was judged."""
     *asked, file = sys.argv[1:]
-    path = Path(file)
-    done = path.read_text().splitlines() if path.exists() else []
-    for number in range(len(done), int(asked[0]) if asked else 0):
-        with path.open("a") as lines:
-            lines.write(json.dumps(judge(number)) + "\n")
-    print(
-        json.dumps(summary([json.loads(line) for line in path.read_text().splitlines()]), indent=1)
-    )
+    judged(file, int(asked[0]) if asked else 0, judge, summary)
 
 
 if __name__ == "__main__":

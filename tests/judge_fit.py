@@ -5,17 +5,16 @@
 with spikes get gaits that were designed on their fits.
 """
 
-import json
 import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import wormopt as wo
+from tests.judging import judged
 from tests.oracles.by_crawling import Crawler, FastGait, recorded
 from tests.oracles.by_recordings import (
     Array,
@@ -241,14 +240,8 @@ def told_of_designs(lines: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     """Judge, or tell of what was judged."""
     *asked, file = sys.argv[1:]
-    designs = "design" in asked
-    path, count = Path(file), [int(word) for word in asked if word.isdecimal()]
-    done = path.read_text().splitlines() if path.exists() else []
-    for seed in range(len(done), count[0] if count else 0):
-        with path.open("a") as lines:
-            lines.write(json.dumps((judge_design if designs else judge)(seed)) + "\n")
-    done = [json.loads(line) for line in path.read_text().splitlines()]
-    print(json.dumps((told_of_designs if designs else told)(done), indent=1))
+    count = sum(int(word) for word in asked if word.isdecimal())
+    judged(file, count, *((judge_design, told_of_designs) if "design" in asked else (judge, told)))
 
 
 if __name__ == "__main__":

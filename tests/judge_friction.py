@@ -4,17 +4,18 @@
 each; `python -m tests.judge_friction FILE` summarises such lines. Films and motions are scipy's.
 """
 
-import json
 import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import wormopt as wo
+from tests.judging import judged
 from tests.oracles.by_gliding import Lengths, Played, Rubbing, play
 from tests.oracles.by_recordings import Array, Course, Ground, chain, disturb, follow
 from wormopt.study.scene import scene_within
@@ -205,14 +206,8 @@ def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     """Judge, or summarise what was judged."""
     *asked, file = sys.argv[1:]
-    path = Path(file)
-    done = path.read_text().splitlines() if path.exists() else []
-    for seed in range(len(done), int(asked[0]) if asked else 0):
-        with tempfile.TemporaryDirectory() as folder, path.open("a") as lines:
-            lines.write(json.dumps(judge(seed, Path(folder))) + "\n")
-    print(
-        json.dumps(summary([json.loads(line) for line in path.read_text().splitlines()]), indent=1)
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        judged(file, int(asked[0]) if asked else 0, partial(judge, folder=Path(folder)), summary)
 
 
 if __name__ == "__main__":
