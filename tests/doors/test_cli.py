@@ -334,7 +334,8 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
     assert main(["run", "fast_gait", "-o", output]) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert "cannot be written" in err
+    # Python 3.13 resolves circular links
+    assert "cannot be written" in err or "is a link to a folder that does not exist" in err
     assert names(tmp_path) == {"file", "loop"}
 
 

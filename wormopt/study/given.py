@@ -23,6 +23,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
+from inspect import cleandoc
 from pathlib import Path
 from textwrap import fill, indent
 from types import NoneType, SimpleNamespace, UnionType
@@ -76,11 +77,11 @@ class RefusedError(SceneError, ArgumentError):
 
 def _parameters(table: Any) -> str:
     """Section of a docstring with the meaning of each key of a table."""
-    text = "\n\n    Parameters\n    ----------"
+    text = "\n\nParameters\n----------"
     for field in _fields(table):
         optional = "" if field.required else ", optional"
-        text += f"\n    {field.name} : {describe(field.type)}{optional}\n"
-        text += indent(fill(meaning(field.type)[1], 88), " " * 8)
+        text += f"\n{field.name} : {describe(field.type)}{optional}\n"
+        text += indent(fill(meaning(field.type)[1], 92), " " * 4)
     return text
 
 
@@ -274,7 +275,9 @@ class GivenMeta(StructMeta):
             **config,
         )
         made.check_class()
-        before, examples, shown = (made.__doc__ or "").partition("\n\n    Examples\n    --------\n")
+        # Python 3.13 removes the indentation of docstrings itself
+        text = cleandoc(made.__doc__ or "")
+        before, examples, shown = text.partition("\n\nExamples\n--------\n")
         if examples:  # for use from Python
             made.__doc__ = f"{before}{_parameters(made)}{examples}{shown}"
         return made
