@@ -7,7 +7,7 @@ import subprocess
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -236,9 +236,10 @@ def worm() -> wo.Model:
 
 
 @pytest.mark.compiled
-def test_a_model_with_inputs_and_parameters(tmp_path: Path):
+@pytest.mark.parametrize("version", ["fmu", "fmu2"])
+def test_a_model_with_inputs_and_parameters(version: Literal["fmu", "fmu2"], tmp_path: Path):
     model = worm()
-    (fmu,) = wo.export(model, "fmu", tmp_path)
+    (fmu,) = wo.export(model, version, tmp_path)
     assert fmu.name == "chain_of_2_links.fmu"
     given = {"input[0]": 3.0, "input[1]": -2.0, "mass[1]": 1.7, "v_reg": 0.1}
     found = replayed(fmu, model, 2.0, **given)
@@ -307,10 +308,13 @@ def test_time_alone_changes_what_an_fmu_gives(tmp_path: Path):
 
 
 @pytest.mark.compiled
-def test_co_simulation_is_the_motion_whatever_the_steps(tmp_path: Path):
+@pytest.mark.parametrize("version", ["fmu", "fmu2"])
+def test_co_simulation_is_the_motion_whatever_the_steps(
+    version: Literal["fmu", "fmu2"], tmp_path: Path
+):
     fmpy = pytest.importorskip("fmpy")
     model = worm()
-    (fmu,) = wo.export(model, "fmu", tmp_path)
+    (fmu,) = wo.export(model, version, tmp_path)
     given: dict[str, Any] = {"input[0]": 3.0, "input[1]": -2.0, "v_reg": 0.1}
     expected = ours(model, 2.0, 0.1, input=[3.0, -2.0])
     for interval, tolerance, limit in ((0.2, 1e-10, 1e-8), (0.02, 1e-10, 1e-8), (0.2, 1e-4, 1e-2)):
@@ -371,6 +375,45 @@ def test_a_saved_state_of_an_fmu_is_restored(tmp_path: Path):
     assert places[0] == pytest.approx(amplitudes @ [airy[0][1], airy[2][1]], abs=1e-7)
     instance.terminate()
     instance.freeInstance()
+
+
+@pytest.mark.compiled
+def test_all_functions_of_fmi_2_are_there(tmp_path: Path):
+    """Derivatives and saved states of the swing x'' = -2 t x; FMPy looks for every function."""
+    fmpy = pytest.importorskip("fmpy")
+    (fmu,) = wo.export(swing(), "fmu2", tmp_path)
+    description = fmpy.read_model_description(str(fmu))
+    at = {v.name: v.valueReference for v in description.modelVariables}
+    folder = fmpy.extract(str(fmu), unzipdir=str(tmp_path / "open"))
+    instance = pytest.importorskip("fmpy.fmi2").FMU2Model(
+        guid=description.guid, unzipDirectory=folder, instanceName="swing",
+        modelIdentifier=description.modelExchange.modelIdentifier,
+    )  # fmt: skip
+    instance.instantiate()
+    instance.setupExperiment(startTime=3.0)
+    instance.enterInitializationMode()
+    assert instance.getReal([at["pull"], at["time_"]]) == [2.0 * 0.5 * 3.0, 3.0]
+    instance.exitInitializationMode()
+    saved = instance.getFMUState()
+    instance.setTime(7.0)
+    assert instance.getReal([at["pull"], at["time_"]]) == [7.0, 7.0]
+    assert instance.getDirectionalDerivative([at["pull"]], [at["place"]], [1.0]) == [14.0]
+    assert [*instance.completedIntegratorStep()] == [0, 0]
+    instance.setFMUState(saved)
+    assert instance.getReal([at["time_"]]) == [3.0]
+    instance.freeFMUState(saved)
+    sizes = (ctypes.c_double * 2)()
+    instance.getNominalsOfContinuousStates(sizes, 2)
+    assert [*sizes] == [3.0, 1.0]
+    for nothing in ("getInteger", "getBoolean", "getString"):
+        assert [*getattr(instance, nothing)([])] == []
+    instance.terminate()
+    instance.freeInstance()
+
+
+def test_both_versions_at_once_are_refused(tmp_path: Path):
+    with pytest.raises(wo.ArgumentError, match="one after another"):
+        wo.export(swing(), ["fmu", "fmu2"], tmp_path)
 
 
 @pytest.mark.compiled

@@ -294,6 +294,7 @@ _FORMATS = {
     "mjcf": "write the worm for MuJoCo, with keyframes of its gait",
     "urdf": "write the worm as URDF, with a CSV table of its joints",
     "fmu": "write the model as an FMI 3.0 unit, with smooth friction",
+    "fmu2": "write the same unit for FMI 2.0",
 }
 
 

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from wormopt.model.model import Model
     from wormopt.result import Result
 
-Format = Literal["csv", "parquet", "mat", "hdf5", "c", "arduino", "ros", "fmu", "mjcf", "urdf"]
+Format = Literal[
+    "csv", "parquet", "mat", "hdf5", "c", "arduino", "ros", "fmu", "fmu2", "mjcf", "urdf"
+]
 SUFFIXES: dict[str, str] = {
     "csv": ".csv",
     "parquet": ".parquet",
@@ -28,6 +30,7 @@ SUFFIXES: dict[str, str] = {
     "arduino": ".ino",
     "ros": ".yaml",
     "fmu": ".fmu",
+    "fmu2": ".fmu",
     "mjcf": ".xml",
     "urdf": ".urdf",
 }
@@ -59,13 +62,13 @@ def export(
     ----------
     what : Result, Gait or Model
         A Result can be written in all formats for which it has the data; a Gait to "c", "arduino"
-        and "ros", a Model to "fmu".
-    formats : {"csv", "parquet", "mat", "hdf5", "c", "arduino", "ros", "fmu", "mjcf", "urdf"}, \
-            or several of them
+        and "ros", a Model to "fmu" and "fmu2".
+    formats : {"csv", "parquet", "mat", "hdf5", "c", "arduino", "ros", "fmu", "fmu2", "mjcf", \
+            "urdf"}, or several of them
         Tables as CSV or Parquet; the whole result for MATLAB or as HDF5; C99 source of the gait;
         an Arduino sketch that plays the gait on servos, in a folder of its name; the gait as a ROS
-        message trajectory_msgs/JointTrajectory in YAML; an FMI 3.0 unit of the model, its
-        friction smooth; the worm for physics engines, as MJCF with keyframes of the gait or as
+        message trajectory_msgs/JointTrajectory in YAML; a unit of the model for FMI 3.0 or 2.0,
+        its friction smooth; the worm for physics engines, as MJCF with keyframes of the gait or as
         URDF with a table of its joints.
     path : str or path, optional
         A folder, or, for one format, a file with its suffix (.csv, .parquet, .mat, .h5, .c, .ino,
@@ -118,6 +121,8 @@ def export(
     unknown = [name for name in wanted if name not in SUFFIXES]
     if unknown or not wanted:
         raise ArgumentError(f"formats are {', '.join(SUFFIXES)}, not {unknown or 'none'}")
+    if {"fmu", "fmu2"} <= {*wanted}:
+        raise ArgumentError("fmu and fmu2 write files of the same name; export one after another")
     name = getattr(what, "scene", None) or getattr(what, "name", None) or "gait"
     folder, stem = target(path, name, [SUFFIXES[each] for each in wanted])
     at = _number(step, what) if isinstance(step, str) else step
@@ -168,10 +173,10 @@ def _made(what: Result | Gait | Model, into: str, stem: str, asked: _Asked) -> d
     from wormopt.model.gait import Gait
     from wormopt.result import Result
 
-    if into == "fmu":
+    if into in ("fmu", "fmu2"):
         from wormopt.exports.fmu import make, plants_of
 
-        return make(plants_of(what), stem)
+        return make(plants_of(what), stem, 3 if into == "fmu" else 2)
     if into in ("mjcf", "urdf"):
         from wormopt.exports import mjcf, urdf
         from wormopt.exports.robot import robot_of

@@ -1,9 +1,10 @@
-"""FMI 3.0: a Model as an FMU, its contacts smooth, by CasADi's own export.
+"""FMI 3.0 and 2.0: a Model as an FMU, its contacts smooth, by CasADi's own export.
 
-CasADi 3.8 writes code and description of the model. Corrections: its wrapper does not evaluate
-again when only time is set, uses time 0 in derivatives, and 1 for the nominal size of every state;
-the description lacks units and dependence on time. Co-simulation and saved states are ours, in
-`co_simulation.c`. `tests/exports/test_exported_programs.py` checks each.
+CasADi 3.8 writes code and description of the model for FMI 3.0. Corrections: its wrapper does not
+evaluate again when only time is set, uses time 0 in derivatives, 1 for the nominal size of every
+state, and leaves open whether a step ends the simulation; the description lacks units and
+dependence on time. Co-simulation and saved states are ours, in `co_simulation.c`.
+`tests/exports/test_exported_programs.py` checks each.
 """
 
 from __future__ import annotations
@@ -12,19 +13,21 @@ import io
 import platform
 import re
 import subprocess
+import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from xml.etree import ElementTree
 
 import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.exports import fmi2
 from wormopt.exports.common import identifier, remarks
 from wormopt.files import MARK
 from wormopt.kinds import KINDS
@@ -51,6 +54,10 @@ _MENDED = (
     ),
     ("m->arg[i++] = 0;  // t", "m->arg[i++] = &m->t;"),
     ("\nfmi3Status fmi3Get", "\nFMI3_Export fmi3Status fmi3Get"),
+    (
+        "// We should not need this as there are no internal iterations",
+        "*enterEventMode = *terminateSimulation = fmi3False;",
+    ),
     ("nominals[i] = 1;", "nominals[i] = nominal[i];"),
     ("} casadi_fmi_memory;", "  double relative, h; // of co-simulation\n} casadi_fmi_memory;"),
     ("#include <fmi3", "#include <math.h>\n#include <string.h>\n#include <fmi3"),
@@ -84,17 +91,18 @@ class Plant:
     remarks: tuple[str, ...] = ()
 
 
-def make(plants: Sequence[Plant], stem: str) -> dict[str, bytes]:
-    """``STEM.fmu``, or ``STEM_0.fmu`` and so on for several models.
+def make(plants: Sequence[Plant], stem: str, version: Literal[2, 3] = 3) -> dict[str, bytes]:
+    """``STEM.fmu``, or ``STEM_0.fmu`` and so on for several models; of FMI 3.0 or 2.0.
 
     Raises ArgumentError if a model has algebraic variables, walls or switches that change its
     states, or there is no C compiler or no CasADi that exports FMUs.
     """
     stems = [stem] if len(plants) == 1 else [f"{stem}_{k}" for k in range(len(plants))]
-    return {f"{s}.fmu": _archive(plant, s) for s, plant in zip(stems, plants, strict=True)}
+    pairs = zip(stems, plants, strict=True)
+    return {f"{each}.fmu": _archive(plant, each, version) for each, plant in pairs}
 
 
-def _archive(plant: Plant, stem: str) -> bytes:
+def _archive(plant: Plant, stem: str, version: int) -> bytes:
     name = f"{identifier(stem)}_model"  # no C function has this name
     _refuse(plant.model)
     dae = _builder(plant, name)
@@ -110,13 +118,22 @@ def _archive(plant: Plant, stem: str) -> bytes:
         steps = Path(__file__).with_name("co_simulation.c").read_text(encoding="utf-8")
         reset = "FMI3_Export fmi3Status fmi3Reset"
         text = text.replace(reset, f"{steps}{reset}", 1)
+        if version == 2:
+            text += Path(__file__).with_name("fmi2.c").read_text(encoding="utf-8")
         wrapper.write_text(text, encoding="utf-8", newline="\n")
-        _mend_description(Path("modelDescription.xml"), stem, _description(plant), _timed(plant))
+        described = Path("modelDescription.xml")
+        _mend_description(described, stem, _description(plant), _timed(plant))
         _remove_headers(Path("buildDescription.xml"))
-        library, binary = _compiled(name)
+        library = _compiled(name)
+        if version == 2:
+            three = ElementTree.parse(described).getroot()  # noqa: S314  it is ours
+            _write(fmi2.description(three, [f"{name}.c", wrapper.name]), described)
+            del files["buildDescription.xml"]
+            files[_HEADER] = f"sources/{_HEADER}"
+        files[library] = f"binaries/{_platform(version)}/{name}{SUFFIX}"
         stream = io.BytesIO()
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-            for local, path in sorted([*files.items(), (library, binary)]):
+            for local, path in sorted(files.items()):
                 archive.write(local, path.removeprefix("./"))
             archive.comment = MARK.encode()
     return stream.getvalue()
@@ -348,12 +365,11 @@ def _write(root: ElementTree.Element, path: Path) -> None:
 # -- the library ---------------------------------------------------------------------------------
 
 
-def _compiled(name: str) -> tuple[str, str]:
-    """Compile the sources in the current folder; returns the library and its archive path."""
+def _compiled(name: str) -> str:
+    """Compile the sources in the current folder; returns the library."""
     command = compiler()
     if command is None:
         raise ArgumentError("an FMU needs a C compiler; install one, or wormopt[compiler]")
-    system, machine = platform.system().lower(), platform.machine().lower()
     library = f"{name}{SUFFIX}"
     Path(_HEADER).write_bytes(Path(__file__).with_name(_HEADER).read_bytes())
     flags = [*SHARED, "-O2", "-fvisibility=hidden", "-I."]
@@ -362,4 +378,12 @@ def _compiled(name: str) -> tuple[str, str]:
     done = subprocess.run(call, capture_output=True, check=False)  # noqa: S603
     if done.returncode:
         raise ArgumentError(f"{' '.join(command)} cannot compile the FMU:\n{error_output(done)}")
-    return library, f"binaries/{_MACHINES.get(machine, machine)}-{system}/{library}"
+    return library
+
+
+def _platform(version: int) -> str:
+    """Name of this machine in FMI."""
+    system, machine = platform.system().lower(), platform.machine().lower()
+    if version == 2:
+        return f"{system.replace('windows', 'win')}{64 if sys.maxsize > 2**32 else 32}"
+    return f"{_MACHINES.get(machine, machine)}-{system}"
