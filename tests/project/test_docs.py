@@ -128,6 +128,12 @@ def test_every_equation_has_a_row_and_a_proof():
     assert {name for _, name in left_out} == about_ourselves
 
 
+def test_the_readme_and_the_list_of_scenes_name_every_kind():
+    for page in (ROOT / "README.md", DOCS / "scenes.md"):
+        text = page.read_text(encoding="utf-8")
+        assert [kind for kind in KINDS if f"`{kind}`" not in text] == []
+
+
 def test_the_problem_of_the_readme_is_solved(capsys: Capture):
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     programs = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
