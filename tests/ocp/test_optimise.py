@@ -84,7 +84,7 @@ def test_the_phases_read_off_a_relaxed_optimum_lead_to_the_exact_one(
     assert found.objective == pytest.approx(exact, abs=1e-9)
     assert modes_of(found)[0] == modes
     assert found.complementarity < 1e-12
-    assert found.gain < 1e-12
+    assert found.gain < 1e-9  # 3e-11 where an older IPOPT keeps a fourth phase without duration
     assert difference(found.motion) < 1e-12
 
 
