@@ -27,6 +27,7 @@ for name in "${names[@]}"; do
         # know scenes by their numbers, and ticks are exact
         CC=$PWD/.ci/cc try moved "$plain" -p elsewhere -n 4 --ignore tests/families \
             --ignore tests/systems/spiked/test_ticks.py \
+            --deselect tests/reports/test_report_parts.py::test_a_sweep_as_it_was_computed_opens \
             --deselect "tests/project/test_docstrings.py::test_examples_run[wormopt.families.sweep]" ;;
     python) # no compiler
         CC=none try python "$plain" ;;
