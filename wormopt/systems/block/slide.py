@@ -95,10 +95,11 @@ class Slide(OptimalMotion, kind="slide"):
     The arrays contain the instants at which arcs join twice.
     """
 
-    pictures: ClassVar = {"signals": "wormopt.systems.chain.pictures:signals"}
+    pictures: ClassVar = {
+        "signals": ("signals over time", "wormopt.systems.chain.pictures:signals"),
+    }
     keys_of_names: ClassVar = {"force": "block.force", "arcs": "mesh.arcs"}
 
-    want: tuple[Literal["signals"], ...] = entry("`signals`: signals over time", default=())
     block: Block = entry("the block")
     start: Place = entry("initial state")
     end: Place = entry("final state")

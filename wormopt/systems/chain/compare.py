@@ -108,9 +108,6 @@ _INTERVALS: Variables = {
 class Rivals(Following):
     """Base of comparisons: every controller on the nominal plant and on drawn plants."""
 
-    pictures: ClassVar = {
-        name: f"wormopt.systems.chain.pictures:{name}" for name in ("comparison", "draws")
-    }
     table_file: ClassVar = True
 
     tube: Tube = entry("tube that all controllers are judged by, from the time of capture on")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from msgspec import structs
 
@@ -99,13 +99,12 @@ class CompareTracking(Rivals, kind="compare-tracking"):
     controllers), `known` (names), and `table`, the text of `table.md`.
     """
 
+    pictures: ClassVar = {
+        "comparison": "error over time, and largest error against input",
+        "draws": "box plots over the plants",
+    }
     refuses: ClassVar = refused_of_nominal("draws")
 
-    want: tuple[Literal["comparison", "draws"], ...] = entry(
-        "`comparison`: error over time, and largest error against input; `draws`: box plots "
-        "over the plants",
-        default=(),
-    )
     reference: tuple[NamedReference, ...] = entry(
         "tables `[[reference]]`: gaits to follow; known plants use the first"
     )

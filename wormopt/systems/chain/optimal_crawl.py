@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SceneError, SolveError
 from wormopt.progress import Report
@@ -135,8 +135,11 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.pictures:{name}" for name in ("signals", "convergence")
-    } | {"animation": "wormopt.pictures.worms:animation"}
+        "signals": "signals over time",
+        "convergence": "further solves with smoothed contact and on finer grids, and their "
+        "convergence to the exact answer",
+        "animation": ("the moving worm, as a GIF", "wormopt.pictures.worms:animation"),
+    }
     wanted: ClassVar = ("convergence",)
     refuses: ClassVar = {
         "worm.random": "is not allowed, since an optimal crawl belongs to a known chain; write "
@@ -163,12 +166,6 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         "limits.length, limits.actuator_force or limits.period",
     }
 
-    want: tuple[Literal["signals", "convergence", "animation"], ...] = entry(
-        "`signals`: signals over time; `animation`: the moving worm, as a GIF; `convergence`: "
-        "further solves with smoothed contact and on finer grids, and their convergence to the "
-        "exact answer",
-        default=(),
-    )
     worm: ChainTable = entry("the chain, with `friction`")
     limits: CrawlLimits = entry("limits of the crawl")
     objective: Aim = entry("objective of the crawl")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from msgspec import field
 
@@ -148,16 +148,13 @@ class Track(Tracking, kind="track"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion", "bands")
-    } | {"animation": "wormopt.pictures.worms:animation"}
+        "trackers": "outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
+        "figures 5 to 8 of Zimmermann et al. 2007)",
+        "motion": "paths with time upward, thick where a mass rests",
+        "bands": "outputs of `[ensemble]`, instead of the others",
+        "animation": ("the moving worms, as a GIF", "wormopt.pictures.worms:animation"),
+    }
 
-    want: tuple[Literal["trackers", "motion", "bands", "animation"], ...] = entry(
-        "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
-        "figures 5 to 8 of Zimmermann et al. 2007); `motion`: paths with time upward, thick "
-        "where a mass rests; `animation`: the moving worms, as a GIF; with `[ensemble]` `bands` "
-        "instead",
-        default=(),
-    )
     tracker: Tracker | tuple[Tracker, ...] = entry(
         "the controller, or one `[[tracker]]` for each controller; `feedback` selects its kind"
     )

@@ -260,8 +260,8 @@ class TrackerReadings(Study, kind="tracker-readings"):
     """
 
     pictures: ClassVar = {
-        "readings": "wormopt.systems.chain.pictures:readings",
-        "trackers": "wormopt.systems.chain.pictures:trackers",
+        "readings": "entries that support each sentence, and their numbers",
+        "trackers": "the shown reading, in the order of figures 5 to 8",
     }
     table_file: ClassVar = True
     exports: ClassVar = {"readings.csv": "wormopt.systems.chain.tracker_readings:as_csv"}
@@ -273,11 +273,6 @@ class TrackerReadings(Study, kind="tracker-readings"):
         "chosen_gain",
     )
 
-    want: tuple[Literal["readings", "trackers"], ...] = entry(
-        "`readings`: entries that support each sentence, and their numbers; `trackers`: the "
-        "shown reading, in the order of figures 5 to 8",
-        default=(),
-    )
     worm: Worm = entry("the worm")
     reference: Reference = entry("reference of the links; each reading sets its period")
     tracker: Trackers = entry("parameters of both trackers")

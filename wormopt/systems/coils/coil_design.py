@@ -151,19 +151,14 @@ class CoilDesign(OverCoils, kind="coil-design"):
     """
 
     pictures: ClassVar = {
-        "coil_design": "wormopt.systems.coils.pictures:coil_design",
-        "animation": "wormopt.systems.coils.pictures:animation",
+        "coil_design": "waveforms, paths of the float, currents and film",
+        "animation": "film, float and coils with current, as a moving GIF",
     }
     headline: ClassVar = (
         "float_speed", "over_mean_field", "over_block", "power", "neighbour_gain",
     )  # fmt: skip
     remedy = "raise film.top, grid.cells or fluid.viscosity, or lower coils.ampere_turns"
 
-    want: tuple[Literal["coil_design", "animation"], ...] = entry(
-        "`coil_design`: waveforms, paths of the float, currents and film; `animation`: film, float "
-        "and coils with current, as a moving GIF",
-        default=(),
-    )
     objective: CarryAim = entry("objective", default=CarryAim)
     pattern: Waveforms = entry("waveforms to search")
     coils: Coils = entry("the row; `ampere_turns` is the limit", default=Coils)

@@ -152,15 +152,11 @@ class FilmBody(Study, kind="film-body"):
     """
 
     pictures: ClassVar = {
-        "carried": "wormopt.systems.film.pictures:carried",
-        "animation": "wormopt.systems.film.pictures:animation",
+        "carried": "the body in the wave, and its velocity",
+        "animation": "the body, as a moving GIF",
     }
     headline: ClassVar = ("drift", "drift_massless", "held", "settled", "speed_max")
 
-    want: tuple[Literal["carried", "animation"], ...] = entry(
-        "`carried`: the body in the wave, and its velocity; `animation`: the body, as a moving GIF",
-        default=(),
-    )
     film: Film = entry("film and wave")
     body: Body = entry("the body")
     time: Ride = entry("duration of the simulation", default=Ride)

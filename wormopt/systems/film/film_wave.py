@@ -284,16 +284,15 @@ class FilmWave(Study, kind="film-wave"):
     and the requirements. If one is violated, the status is `failed`.
     """
 
-    pictures: ClassVar = {"film_wave": "wormopt.systems.film.pictures:film_wave"}
+    pictures: ClassVar = {
+        "film_wave": "shape, field and surface velocity, and other films if swept",
+    }
     headline: ClassVar = (
         "mean_flow", "c_constant", "mean_flow_cosine", "cosine_delta", "mean_flow_supremum",
     )  # fmt: skip
 
     units: Literal["dimensionless"] = entry(
         "dimensionless, in the scales of eq. 25 of Zimmermann et al. 2007", default="dimensionless"
-    )
-    want: tuple[Literal["film_wave"], ...] = entry(
-        "`film_wave`: shape, field and surface velocity, and other films if swept", default=()
     )
     film: WavyFilm = entry("the film")
     limits: Limits = entry("limits of the wave")

@@ -268,16 +268,14 @@ class PairWaveform(Study, kind="pair-waveform"):
     periodic=True)` moves the pair with it.
     """
 
-    pictures: ClassVar = {"waveform": "wormopt.systems.pair.pictures:waveform"}
+    pictures: ClassVar = {
+        "waveform": "field, stretch and velocities over a period; the harmonic field, scaled to "
+        "the same period, is shifted so its crest is that of the first harmonic",
+    }
     headline: ClassVar = ("speed", "speed_simulated", "speed_harmonic", "gain", "frequency")
 
     units: Literal["dimensionless"] = entry(
         "lengths over that of the link, times over √(*m*/*c*)", default="dimensionless"
-    )
-    want: tuple[Literal["waveform"], ...] = entry(
-        "`waveform`: field, stretch and velocities over a period; the harmonic field, scaled "
-        "to the same period, is shifted so its crest is that of the first harmonic",
-        default=(),
     )
     pair: DrivenPair = entry("the pair")
     limits: Limits = entry("limits of the field")

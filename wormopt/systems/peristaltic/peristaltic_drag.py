@@ -185,17 +185,12 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     """
 
     pictures: ClassVar = {
-        "drag_gait": "wormopt.systems.peristaltic.pictures:drag_gait",
-        "body": "wormopt.systems.peristaltic.pictures:body",
-        "animation": "wormopt.systems.peristaltic.pictures:animation",
+        "drag_gait": "velocity and lengths, with the best small gait dashed",
+        "body": "the worm over a period, from top to bottom",
+        "animation": "the moving worm",
     }
     headline: ClassVar = ("distance", "distance_small", "wave_step", "segments_per_wave")
 
-    want: tuple[Literal["drag_gait", "body", "animation"], ...] = entry(
-        "`drag_gait`: velocity and lengths, with the best small gait dashed; `body`: the worm "
-        "over a period, from top to bottom; `animation`: the moving worm",
-        default=(),
-    )
     worm: Worm = entry("the worm")
     drag: Drag = entry("drag law of the ground")
     period: float = positive("time", "period", default=1.0)

@@ -254,17 +254,12 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     """
 
     pictures: ClassVar = {
-        "switching": "wormopt.systems.peristaltic.pictures:switching",
-        "body": "wormopt.systems.peristaltic.pictures:body",
-        "animation": "wormopt.systems.peristaltic.pictures:animation",
+        "switching": "coils, lengths and velocity over a period",
+        "body": "the worm over a period, from top to bottom",
+        "animation": "the moving worm",
     }
     headline: ClassVar = ("speed", "energy_per_distance", "time", "on_time", "on_start")
 
-    want: tuple[Literal["switching", "body", "animation"], ...] = entry(
-        "`switching`: coils, lengths and velocity over a period; `body`: the worm over a "
-        "period, from top to bottom; `animation`: the moving worm",
-        default=(),
-    )
     worm: Worm = entry("the worm")
     ground: DragGround | TubeGround = entry('the ground, with `kind = "drag"` or `kind = "tube"`')
     limits: Limits = entry("limits of the switching times")

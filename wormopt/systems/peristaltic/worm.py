@@ -285,17 +285,12 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
     """
 
     pictures: ClassVar = {
-        "worm": "wormopt.systems.peristaltic.pictures:worm",
-        "course": "wormopt.systems.peristaltic.pictures:course",
-        "animation": "wormopt.systems.peristaltic.pictures:animation_of_worm",
+        "worm": "the body over the last cycle",
+        "course": "positions and energies over time",
+        "animation": ("the moving body, as a GIF", "animation_of_worm"),
     }
     headline: ClassVar = ("advance", "advance_share", "speed", "against_wave", "slip")
 
-    want: tuple[Literal["worm", "course", "animation"], ...] = entry(
-        "`worm`: the body over the last cycle; `course`: positions and energies over time; "
-        "`animation`: the moving body, as a GIF",
-        default=(),
-    )
     worm: Worm = entry("the worm")
     coils: Coils = entry("the coils")
     wave: SwitchedWave | HarmonicWave = entry("switching of the coils over time")

@@ -230,8 +230,9 @@ class PlanarPath(Study, kind="planar-path"):
     """
 
     pictures: ClassVar = {
-        "path": "wormopt.systems.planar.pictures:path",
-        "animation": "wormopt.systems.planar.pictures:animation_of_path",
+        "path": "the body between steps, the area it sweeps, path of the head, obstacles, and "
+        "the goal",
+        "animation": ("the moving body, as a GIF", "animation_of_path"),
     }
 
     body: Body = entry("the worm")

@@ -279,17 +279,12 @@ class PlannedExperiment(FromScene, kind="experiment"):
 
     headline: ClassVar = ("shrinkage", "shrinkage_median", "prediction_error")
     pictures: ClassVar = {
-        "course": "wormopt.systems.recorded.pictures:course",
-        "errors": "wormopt.systems.recorded.pictures:errors",
-        "regions": "wormopt.systems.recorded.pictures:regions",
+        "course": "inputs and motion",
+        "errors": "standard errors before and after, with those of random experiments",
+        "regions": "confidence ellipses of pairs of wanted parameters",
     }
     exports: ClassVar = {"course.csv": "wormopt.systems.recorded.experiment:as_csv"}
 
-    want: tuple[Literal["course", "errors", "regions"], ...] = entry(
-        "`course`: inputs and motion; `errors`: standard errors before and after, with those "
-        "of random experiments; `regions`: confidence ellipses of pairs of wanted parameters",
-        default=(),
-    )
     which: Which = ""
     known: str | None = entry(
         "folder of a result of kind `fit`, relative to the scene's folder; its estimates and "

@@ -102,17 +102,12 @@ class FitNumbers(FromScene, kind="fit-numbers"):
     """
 
     pictures: ClassVar = {
-        "measurements": "wormopt.systems.recorded.pictures:measurements",
-        "parameters": "wormopt.systems.recorded.pictures:parameters",
-        "correlation": "wormopt.systems.recorded.pictures:correlation",
+        "measurements": "measured and computed values",
+        "parameters": "estimates with intervals",
+        "correlation": "of the errors",
     }
     table_file = True
 
-    want: tuple[Literal["measurements", "parameters", "correlation"], ...] = entry(
-        "`measurements`: measured and computed values; `parameters`: estimates with "
-        "intervals; `correlation`: of the errors",
-        default=(),
-    )
     measured: tuple[Measured, ...] = entry("measurements")
     unknown: tuple[KeyUnknown, ...] = entry("parameters to estimate")
     search: NumberSearch = entry("the search", default=NumberSearch)

@@ -408,11 +408,10 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
     false`).
     """
 
-    pictures: ClassVar = {"reversals": "wormopt.systems.swinging.pictures:reversals"}
+    pictures: ClassVar = {
+        "reversals": "velocities over a period with their reversals, *V* over time",
+    }
 
-    want: tuple[Literal["reversals"], ...] = entry(
-        "`reversals`: velocities over a period with their reversals, *V* over time", default=()
-    )
     worm: Masses = entry("the masses")
     start: Start = entry("start of a simulated motion for comparison", default=Start)
     time: Duration = entry("duration of the motion", default=Duration)
