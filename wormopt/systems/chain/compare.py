@@ -122,7 +122,6 @@ class Rivals(Following):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         yield from self.tube.faults_in(self.time.end)
 
@@ -343,7 +342,6 @@ class _Asked(Rivals):
         return ["reference"]
 
     def drawn(self) -> Sequence[Draw]:
-        """Parameters of the drawn plants."""
         own, spread = vars(self)["own"], vars(self)["_spread"]
         return drawn_plants(own, spread, self.draws.seed, self.draws.members)
 

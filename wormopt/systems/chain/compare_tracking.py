@@ -130,7 +130,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
     workers: int = whole(1, 64, "number of processes for the optimisation", default=2)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         if not self.reference:
             yield "reference", "has no entries; write at least one [[reference]]"
@@ -199,7 +198,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
 
     @property
     def references(self) -> Sequence[str]:
-        """Names of the references."""
         return [each.name for each in self.reference]
 
     def plant(self, gait: Gait) -> Model:
@@ -327,7 +325,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
         return Controller(name, self.by_hardware(plant, loop))
 
     def by_hardware(self, plant: Model, loop: Model) -> Model:
-        """A loop whose controller measures and acts by the scene's hardware."""
         try:
             return super().by_hardware(plant, loop)
         except ArgumentError as error:
@@ -401,7 +398,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
         return {"known": [*self.known]}
 
     def tables(self) -> Iterator[str]:
-        """Lines of Markdown with all figures."""
         yield from super().tables()
         draws = self.draws
         if draws.known:

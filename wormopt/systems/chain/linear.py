@@ -222,7 +222,6 @@ class Linear(Tracking, kind="linear"):
     tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         if self.model is not None and self.point.velocity != 0.0:
             yield "point.velocity", "applies to [worm] only; write value= of states of your Model"
@@ -237,7 +236,6 @@ class Linear(Tracking, kind="linear"):
             )
 
     def faults_of_sizes(self, links: int) -> Iterator[Fault]:
-        """Yield what does not fit the number of links."""
         yield from super().faults_of_sizes(links)
         yield from self.tracker.faults("tracker", links)
         if links > MOST_LINKS:

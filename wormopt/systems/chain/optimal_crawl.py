@@ -176,7 +176,6 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from self.worm.faults(1.0, self.units)
         yield from self.limits.faults_for(self.worm.links)
         if self.worm.friction is None:
@@ -289,14 +288,12 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @property
     def accepted(self) -> float:
-        """Largest accepted difference between the ends of the optimum and of its simulation."""
         if self.exact:
             return ACCEPTED
         return _ACCEPTED_AT_SWITCHES if self.single_chain else _ACCEPTED_ON_GRID
 
     @property
     def defect(self) -> float:
-        """Requested local error of an arc."""
         return self.mesh.tolerance if self.exact else math.inf
 
     # -- speeds ------------------------------------------------------------------------------------

@@ -171,7 +171,6 @@ class Simulate(Study, kind="simulate"):
     tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         if self.worm is not None and self.model is not None:
             yield "model", "both [worm] and model are given; leave one out"
         elif self.worm is not None:

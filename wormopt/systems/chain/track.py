@@ -172,7 +172,6 @@ class Track(Tracking, kind="track"):
         return f"tracker[{index}]" if isinstance(self.tracker, tuple) else "tracker"
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         if not self.trackers:
             yield "tracker", "has no entries; write at least one [[tracker]]"

@@ -121,7 +121,6 @@ class TrackOptimal(Tracking, kind="track-optimal"):
     tolerance: ToleranceTable = entry("tolerance of the exact simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         yield from self.tube.faults_in(self.time.end)
 

@@ -197,7 +197,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
     tolerance: ToleranceTable = entry("tolerance of the simulations", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         yield from self.predictive.faults_in(self.time.end, self.units)
         if self.estimation is not None and self.model is not None:

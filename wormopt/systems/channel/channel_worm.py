@@ -108,7 +108,6 @@ class ChannelVelocity(BodyStudy, kind="channel-worm"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from wrong_order("frequency", self.frequency, may_be_equal=False)
 

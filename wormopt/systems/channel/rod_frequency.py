@@ -296,7 +296,6 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     measured: tuple[Measured, ...] = entry("measured points in the plot", default=())
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         if list(self.frequencies) != sorted(set(self.frequencies)):
             yield "frequencies", "they do not ascend; write them in order, each once"

@@ -188,7 +188,6 @@ class SegmentShapes(BodyStudy, kind="segment-shapes"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         for word in sorted(set(self.exact)):
             if self.exact.count(word) > 1:

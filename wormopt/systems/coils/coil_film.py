@@ -70,7 +70,6 @@ class CoilFilm(OverCoils, kind="coil-film"):
     time: SwitchedTime = entry("duration")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from self.switching.faults_in(self.coils)
         if self.cargo is None and "cargo" in self.want:
@@ -78,12 +77,10 @@ class CoilFilm(OverCoils, kind="coil-film"):
 
     @cached_property
     def currents(self) -> Gait:
-        """Ampere-turns of the coils over time."""
         return self.switching.currents(self.coils)
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Times at which states are kept, in s."""
         steps = self.time.switches
         return np.linspace(0, steps / self.switching.frequency, steps * self.time.samples + 1)
 

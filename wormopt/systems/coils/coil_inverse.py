@@ -124,7 +124,6 @@ class RowCurrents(AlongRow, kind="coil-inverse"):
     search: CurrentSearch = entry("resolution and starting points", default=CurrentSearch)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         if self.wave.wavelength < 2 * self.coils.pitch:
             yield (

@@ -151,7 +151,6 @@ class CoilPressure(SIStudy, kind="coil-pressure"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         coil, layer = self.coil, self.layer
         if coil.side == "above" and coil.distance <= layer.thickness:

@@ -112,7 +112,6 @@ class AlongRow(SIStudy):
     line: Line = entry("line of the fluid")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from self.line.faults_in(self.coils)
 
@@ -180,7 +179,6 @@ class SwitchedRow(AlongRow, kind="coil-row"):
     switching: Switching = entry("sequence of active coils")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from self.switching.faults_in(self.coils)
 

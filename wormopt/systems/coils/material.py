@@ -172,7 +172,6 @@ class Material(SIStudy, kind="material"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         if self.strain is not None:
             yield from wrong_order("strain", self.strain, may_be_equal=False)

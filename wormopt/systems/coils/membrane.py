@@ -242,7 +242,6 @@ class MembraneThickness(SIStudy, kind="membrane"):
     samples: int = whole(3, 1000, "number of points of the front", default=41)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from wrong_order("thickness", self.thickness, may_be_equal=False)
         if self.thickness[1] >= self.membrane.radius:

@@ -163,7 +163,6 @@ class FilmBody(Study, kind="film-body"):
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what does not fit between the tables."""
         yield from self.film.faults_in(self.units)
         fluid = self.film.fluid
         yield from self.body.faults_in(self.units, fluid.density if fluid else None)

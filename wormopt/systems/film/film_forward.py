@@ -311,7 +311,6 @@ class FilmForward(Study, kind="film-forward"):
     map: FlatFilms | None = entry("flat films in many fields; default: none", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what does not fit between the tables."""
         yield from self.film.faults_in(self.units, needs_wave=self.field is None)
         yield from self._faults_of_tension()
         if self.field is not None:

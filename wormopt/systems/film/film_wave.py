@@ -137,7 +137,6 @@ class Aim(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield conflicts between the keys."""
         if (self.maximise is None) == (self.minimise is None):
             yield (
                 "",
@@ -305,7 +304,6 @@ class FilmWave(Study, kind="film-wave"):
     map: OtherFilms | None = entry("other films and fields", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what does not fit between the tables."""
         if self.objective.maximise and self.limits.field is None:
             yield "limits.field", "missing; write the largest range of the field"
         if self.objective.minimise and self.limits.field is not None:

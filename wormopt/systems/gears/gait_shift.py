@@ -367,7 +367,6 @@ class GaitShift(Study, kind="gait-shift"):
         return per(self.worm.mass, self.worm.links + 1)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from wrong_count("worm.mass", self.worm.mass, self.worm.links + 1, "masses")
         yield from self._faults_of_slope()
         for k, gear in enumerate(self.gears):

@@ -140,7 +140,6 @@ class Aim(Given):
     speed: float | None = positive("speed", "lower limit of the mean speed", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield conflicts between the keys."""
         if (self.maximise is None) == (self.minimise is None):
             what = "no objective is given" if self.maximise is None else "two objectives are given"
             yield "", f'{what}; write maximise = "speed" or minimise = "work_per_distance"'

@@ -187,7 +187,6 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
     search: OrderSearch = entry("options of the search", default=OrderSearch)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         worm, room = self.worm, self.pipe.radius - self.worm.radius
         if room <= 0:
             yield (

@@ -203,7 +203,6 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from self.limits.faults_in(self.worm.length)
         if self.limits.keeps_length and self.worm.segments < 3:
             yield (
@@ -250,7 +249,6 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
 
     @property
     def defect(self) -> float:
-        """Requested local error of an arc."""
         return self.mesh.tolerance
 
     @stage

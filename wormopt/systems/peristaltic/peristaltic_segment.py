@@ -280,7 +280,6 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     gravity: float = positive("acceleration", "acceleration of gravity", default=GRAVITY)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from wrong_order("stretches", self.stretches, may_be_equal=False)
         segment, tube, winding = self.segment, self.pipe, self.winding

@@ -271,7 +271,6 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from self.ground.faults_in(self.worm)
         yield from self.limits.faults_in(self.worm)
 
@@ -331,7 +330,6 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
 
     @property
     def defect(self) -> float:
-        """Requested local error of an arc."""
         return self.mesh.tolerance
 
     # -- the motion --------------------------------------------------------------------------------

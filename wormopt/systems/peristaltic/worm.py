@@ -142,7 +142,6 @@ class SwitchedWave(Wave, tag="switched"):
     step: float = positive("time", "time until the block moves by one segment")
 
     def currents(self, segments: int, size: float) -> Gait:
-        """Return the currents of one cycle, of a size where a coil is on."""
         return switched_wave(
             segments, self.on, step=self.step, size=size, retrograde=self.retrograde
         )
@@ -303,7 +302,6 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
     time: Duration = entry("duration and accuracy", default=Duration)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         worm, wave, ground = self.worm, self.wave, self.ground
         if isinstance(wave, SwitchedWave) and wave.on >= worm.segments:

@@ -312,7 +312,6 @@ class PlannedExperiment(FromScene, kind="experiment"):
     search: Search = entry("the search", default=Search)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         for key in ("unknown", "choose", "measured"):
             if not getattr(self, key):
                 yield key, f"no entry is given; write at least one in [{key}]"

@@ -114,7 +114,6 @@ class FitNumbers(FromScene, kind="fit-numbers"):
     level: Level = entry("confidence of the intervals", quantity="share", default=0.95)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         for key in ("measured", "unknown"):
             if not getattr(self, key):
                 yield key, f"no entry is given; write a table [[{key}]]"

@@ -138,7 +138,6 @@ class GaitMotion(Study, kind="gait"):
     region: MapRange | None = entry("used if `want` contains `region`", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
         yield from self.worm.faults_in_scene(self.units)
         yield from self.gait.faults(self.worm.links, self.folder)
         if self.region and not self.is_mapped:

@@ -171,7 +171,6 @@ class GaitDesign(DesignTable, kind="gait-design"):
             )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
         faults = list(self.faults_of_design())
         yield from faults or self._faults_of_loads()
         yield from self.objective.faults_in_scene()

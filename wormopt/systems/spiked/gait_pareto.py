@@ -198,7 +198,6 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
     pareto: Pareto = entry("the front")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
         yield from self.faults_of_design()
         yield from self.faults_of_cost("pareto.against", self.pareto.against)
 

@@ -158,7 +158,6 @@ class StepperCommands(Study, kind="stepper"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
         if self.units != "SI":
             yield (
                 "units",

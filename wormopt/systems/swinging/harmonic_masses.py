@@ -127,7 +127,6 @@ class Masses(Given):
         return found
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         counts = [*wrong_count("mass", self.mass, self.masses, "masses")]
         orders = [harmonic.order for harmonic in self.harmonic]
         if not orders:
