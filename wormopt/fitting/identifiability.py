@@ -36,24 +36,13 @@ _NICE, _NEAR = 6, 1e-3  # largest denominator of exponents as fractions, and the
 
 @dataclass(frozen=True)
 class Combination:
-    """Unknowns that can change together while every reading stays explained as it was.
+    """Unknowns that can change together while every reading stays explained as it was."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the unknowns.
-    form : {"product", "sum", "here"}
-        Whether it leads on along factors, along sums, or holds to first order at this point.
-    changes : tuple of float
-        Change of each unknown, the largest 1.
-    relative : bool
-        Whether changes are relative, or in the units of the unknowns.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the unknowns
+    # whether it leads on along factors, along sums, or holds to first order at this point
     form: Form
-    changes: tuple[float, ...]
-    relative: bool
+    changes: tuple[float, ...]  # change of each unknown, the largest 1
+    relative: bool  # whether changes are relative, or in the units of the unknowns
 
     def __str__(self) -> str:
         """Describe the unidentifiable change, and the remaining known combinations."""

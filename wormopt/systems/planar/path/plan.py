@@ -28,23 +28,14 @@ _ODD, _APART = 1.00371, 1e-9
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """Options of a search.
+    """Options of a search."""
 
-    Parameters
-    ----------
-    cost : {"steps", "work", "time"}, optional
-        Quantity to minimise.
-    cell : (float, float), optional
-        Length and angle of cells in which only the cheapest pose is kept. The result is then the
-        best of the library, except paths through poses beside a cheaper one in their cell. With
-        (0, 0) the search is exact, but long searches do not end.
-    most : int, optional
-        Number of poses after which the search stops.
-    """
-
-    cost: Cost = "steps"
+    cost: Cost = "steps"  # quantity to minimise
+    # length and angle of cells in which only the cheapest pose is kept. The result is then the best
+    # of the library, except paths through poses beside a cheaper one in their cell. With (0, 0) the
+    # search is exact, but long searches do not end
     cell: tuple[float, float] = (0.0, 0.0)
-    most: int = 200_000
+    most: int = 200_000  # number of poses after which the search stops
 
 
 @dataclass(frozen=True)

@@ -39,17 +39,9 @@ _DEGREE, _NODES = 14, 24
 
 @dataclass(frozen=True, eq=False)
 class Heights:
-    """Result of `heights`: curvature of a connection over two shape variables.
+    """Result of `heights`: curvature of a connection over two shape variables."""
 
-    Parameters
-    ----------
-    swimmer : Swimmer
-        The body, in the frame.
-    frame : {"head", "middle", "calm"}
-        The frame.
-    """
-
-    swimmer: Swimmer
+    swimmer: Swimmer  # the body, in the frame
     frame: Frame
 
     def at(self, s: ArrayLike) -> np.ndarray:
@@ -241,21 +233,12 @@ _MOST_LOOPS, _REPEATED, _TRIES = 8, 1e-2, 3
 
 @dataclass(frozen=True, eq=False)
 class StrokeAim:
-    """A body on viscous ground, and the objective of its stroke.
-
-    Parameters
-    ----------
-    swimmer : Swimmer
-        The body.
-    lower, upper : ndarray, shape (n_s,)
-        Limits of the shape variables.
-    maximise : {"efficiency", "distance"}, optional
-        Objective, for strokes without net turn: towing work over work, or the distance.
-    """
+    """A body on viscous ground, and the objective of its stroke."""
 
     swimmer: Swimmer
-    lower: np.ndarray
-    upper: np.ndarray
+    lower: np.ndarray  # (n_s,) least values of the shape variables
+    upper: np.ndarray  # (n_s,) largest ones
+    # objective, for strokes without net turn: towing work over work, or the distance
     maximise: Aim = "efficiency"
 
     def __post_init__(self) -> None:
