@@ -244,29 +244,14 @@ class Phase:
 
 @dataclass(frozen=True, eq=False)
 class KinematicMotion:
-    """Result of `kinematic_motion`: the velocity follows from shape and constraints.
+    """Result of `kinematic_motion`: the velocity follows from shape and constraints."""
 
-    Parameters
-    ----------
-    shape : Shape
-        The body.
-    stroke : Stroke
-        Its shape over a phase.
-    phases : tuple of Phase
-        Constraints over the stroke.
-    course : Travel
-        Its pose over the stroke.
-    condition : float
-        Largest condition number of the constraints over the stroke.
-    contradiction : float
-        Largest residual velocity of a constraint, over the fastest one from the shape alone.
-    """
-
-    shape: Shape
-    stroke: Stroke
-    phases: tuple[Phase, ...]
-    course: Travel
-    condition: float
+    shape: Shape  # the body
+    stroke: Stroke  # its shape over a phase
+    phases: tuple[Phase, ...]  # constraints over the stroke
+    course: Travel  # its pose over the stroke
+    condition: float  # largest condition number of the constraints over the stroke
+    # largest residual velocity of a constraint, over the fastest one from the shape alone
     contradiction: float
 
     @property

@@ -401,27 +401,13 @@ class MotionStroke:
 
 @dataclass(frozen=True, eq=False)
 class BestStroke:
-    """Result of `best_stroke`: the best stroke from several starts, a local optimum.
+    """Result of `best_stroke`: the best stroke from several starts, a local optimum."""
 
-    Parameters
-    ----------
-    optimum : Optimum
-        The numerical solution.
-    value : float
-        Efficiency, or distance, by quadrature.
-    tried : tuple of float
-        The same from every start, NaN if none was found.
-    stroke : MotionStroke
-        The stroke over phases.
-    harmonics : Harmonics
-        The stroke as a sum of harmonics.
-    """
-
-    optimum: Optimum
-    value: float
-    tried: tuple[float, ...]
-    stroke: MotionStroke = field(repr=False)
-    harmonics: Harmonics = field(repr=False)
+    optimum: Optimum  # the numerical solution
+    value: float  # efficiency, or distance, by quadrature
+    tried: tuple[float, ...]  # the same from every start, NaN if none was found
+    stroke: MotionStroke = field(repr=False)  # the stroke over phases
+    harmonics: Harmonics = field(repr=False)  # the stroke as a sum of harmonics
 
     @property
     def motion(self) -> Motion:
