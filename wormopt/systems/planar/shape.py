@@ -212,15 +212,25 @@ class Stroke(Protocol):
         ...
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Return shapes (m, n_s) at phases (m,), and their derivatives by the phase.
+        """Return shapes and their derivatives at phases.
 
         At a break the derivative is the right one, at 1 the left one.
+
+        Parameters
+        ----------
+        tau : array_like, shape (m,)
+            Phases from 0 to 1.
+
+        Returns
+        -------
+        s, ds : ndarray, shape (m, n_s)
+            Shapes, and their derivatives by the phase.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class Harmonics:
+class Harmonics(Stroke):
     """A stroke of harmonic shape variables.
 
     s(tau) = mean + sum over h of cosine_h cos(2 pi h tau) + sine_h sin(2 pi h tau), h = 1, 2, ...
@@ -260,7 +270,6 @@ class Harmonics:
 
     @property
     def n_s(self) -> int:
-        """Number of shape variables."""
         return len(self.mean)
 
     @property
@@ -269,18 +278,6 @@ class Harmonics:
         return np.array([0.0, 1.0])
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Return shapes and their derivatives at phases.
-
-        Parameters
-        ----------
-        tau : array_like, shape (m,)
-            Phases.
-
-        Returns
-        -------
-        s, ds : ndarray, shape (m, n_s)
-            Shapes, and their derivatives by the phase.
-        """
         orders = 2 * np.pi * np.arange(1, len(self.cosine) + 1)
         angle = np.atleast_1d(np.asarray(tau, dtype=float))[:, None] * orders
         c, s = np.cos(angle), np.sin(angle)
@@ -289,7 +286,7 @@ class Harmonics:
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon:
+class Polygon(Stroke):
     """A stroke that is linear from corner to corner, with equal durations of all sides.
 
     Parameters
@@ -319,7 +316,6 @@ class Polygon:
 
     @property
     def n_s(self) -> int:
-        """Number of shape variables."""
         return int(self.corners.shape[1])
 
     @property
@@ -328,18 +324,6 @@ class Polygon:
         return np.linspace(0.0, 1.0, len(self.corners) + 1)
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Return shapes and their derivatives at phases.
-
-        Parameters
-        ----------
-        tau : array_like, shape (m,)
-            Phases from 0 to 1.
-
-        Returns
-        -------
-        s, ds : ndarray, shape (m, n_s)
-            Shapes, and their derivatives by the phase.
-        """
         phase = np.atleast_1d(np.asarray(tau, dtype=float))
         m, closed = len(self.corners), np.vstack([self.corners, self.corners[:1]])
         side = np.clip(np.searchsorted(self.breaks, phase, side="right") - 1, 0, m - 1)
