@@ -77,9 +77,9 @@ def routes(
     bound = _bound(task, library, capture, costs, moves)
     unit = _APART * float(costs[costs > 0].min(initial=1.0))
     order = 0
-    root = _Node(task.start, 0.0, -1, -1, 0)
+    root = _Node(np.array(task.start), 0.0, -1, -1, 0)
     nodes: list[_Node] = []
-    queue: list[tuple[float, int, _Node]] = [(float(bound(task.start[None])[0]), 0, root)]
+    queue: list[tuple[float, int, _Node]] = [(float(bound(root.pose[None])[0]), 0, root)]
     seen: set[tuple[int, ...]] = set()
     while queue and looked.poses < options.most:
         _, _, node = heapq.heappop(queue)
@@ -118,7 +118,7 @@ def least_steps(task: PathTask, library: Library, capture: Tolerance) -> float:
     """Return a lower bound of the number of steps from the start to the goal."""
     moves = np.array([step.displacement for step in library.steps])
     bound = _bound(task, library, capture, np.ones(len(moves)), moves)
-    return float(bound(task.start[None])[0])
+    return float(bound(np.array([task.start]))[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,7 +422,8 @@ def plan_path(
     >>> ahead = P.gait_family(
     ...     "ahead", worm, (0.6, 0.6, 0.0), [(0.4, 0.4, 0.0)], (0.5, 1.0), held=[push, pull]
     ... )
-    >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (1e-9, 1e-9))
+    >>> near = {"place": 1e-9, "angle": 1e-9}
+    >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), near)
     >>> path = P.plan_path(task, P.Library([ahead]), (0.3, 0.1), cost="time")
     >>> len(path.steps), path.poses[-1].round(9).tolist()
     (2, [1.5, 0.0, 0.0])
