@@ -321,7 +321,7 @@ def _exactly(
 def _end(task: PathTask, route: Sequence[Fitted], a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the end pose (3,) by the series, and its derivatives by the amplitudes (3, m)."""
     found = [fit.at(x) for fit, x in zip(route, a, strict=True)]
-    poses = [task.start]
+    poses = [np.array(task.start)]
     for value, _ in found:
         x, y, angle = poses[-1]
         poses.append(np.array([*(np.array([x, y]) + rotate(angle, value[:2])), angle + value[2]]))

@@ -258,7 +258,7 @@ def _back(step: GaitStep) -> np.ndarray:
     return rotate(-pose[2], step.points[-1] - pose[:2])
 
 
-def chained(start: np.ndarray, steps: Sequence[GaitStep]) -> np.ndarray:
+def chained(start: ArrayLike, steps: Sequence[GaitStep]) -> np.ndarray:
     """Return poses (m + 1, 3) before the first of m steps and after each."""
     poses = [np.asarray(start, dtype=float)]
     for step in steps:

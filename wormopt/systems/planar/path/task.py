@@ -23,6 +23,7 @@ from wormopt.systems.planar.obstacles import (
 
 with on_use():
     import numpy as np
+    from numpy.typing import ArrayLike
 
     from wormopt.systems.planar.path.steps import GaitStep, Library
     from wormopt.systems.planar.poses import rotate
@@ -105,7 +106,7 @@ class PathTask(Route, kw_only=False):
 
     obstacles: Obstacles = entry("obstacles that the body may not touch", default=())
 
-    def off(self, poses: np.ndarray) -> np.ndarray:
+    def off(self, poses: ArrayLike) -> np.ndarray:
         """Return poses less the goal, with angles between -pi and pi.
 
         Parameters
