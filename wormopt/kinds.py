@@ -32,7 +32,7 @@ class Kind:
 
         An `Animation` instead of a function composes one that moves.
         """
-        return self.load().pictures
+        return self.load().drawn_by
 
 
 def studies_in(systems: Path) -> Iterator[tuple[str, Kind]]:

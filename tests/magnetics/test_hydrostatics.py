@@ -537,10 +537,8 @@ test_wrong_scenes_are_told = refusals(
     SCENE,
     """
     units="dimensionless" | units | write units = "SI"
-    layer.walls="wet" | layer.walls | upright
     coil.inner_radius=0.02 | coil.inner_radius | below coil.outer_radius
     coil={side="above", distance=5e-3} | coil.distance | inside the fluid
-    want=["pressure"] | want[0] | coil_pressure
     """,
 )
 

@@ -194,30 +194,15 @@ _INSTANTS = 20_000  # number of times of impulse responses, even in the logarith
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Reference and disturbance of a loop.
+    """Reference and disturbance of a loop."""
 
-    Parameters
-    ----------
-    plant : Plant
-        The worm, dry friction as an outside force.
-    period : float
-        Period of the reference.
-    reference : ndarray, shape (m, N)
-        Reference less rest lengths, at N equidistant times of a period, the end left out.
-    load : ndarray, shape (n + 1,)
-        Constant forces that are known, forward positive.
-    force : ndarray, shape (n + 1,)
-        Mean of the outside forces.
-    range : ndarray, shape (n + 1,)
-        Largest deviations from it, inf where they are unknown.
-    """
-
-    plant: Plant
-    period: float
+    plant: Plant  # the worm, dry friction as an outside force
+    period: float  # period of the reference
+    # (m, N) reference less rest lengths, at N equidistant times of a period, the end left out
     reference: np.ndarray
-    load: np.ndarray
-    force: np.ndarray
-    range: np.ndarray
+    load: np.ndarray  # (n + 1,) constant forces that are known, forward positive
+    force: np.ndarray  # (n + 1,) mean of the outside forces
+    range: np.ndarray  # (n + 1,) largest deviations from it, inf where they are unknown
 
     @cached_property
     def omega(self) -> np.ndarray:

@@ -122,15 +122,18 @@ class Adaptation(Protocol):
     """Adaptation law of the gain: a frozen dataclass; its numbers become parameters."""
 
     def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
-        """Time derivative of the gain k.
+        """Time derivative of the gain.
 
-        `square`: |e|² of the error; `tube_radius`: lambda, positive.
+        Parameters
+        ----------
+        gain, square, tube_radius : casadi.SX
+            k, |e|² of the error, and lambda, which is positive.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class Quadratic:
+class Quadratic(Adaptation):
     """Gain adaptation law k' = gamma ([|e| - lambda]+)^2 of Zimmermann et al. 2007.
 
     Parameters
@@ -158,22 +161,11 @@ class Quadratic:
         _check_field("growth", self.growth, above=0.0)
 
     def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
-        """Time derivative of the gain.
-
-        Parameters
-        ----------
-        gain, square, tube_radius : casadi.SX
-            As for `Adaptation`.
-
-        Returns
-        -------
-        Growth
-        """
         return Growth(self.growth * _excess(square, tube_radius) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
-class Exponent:
+class Exponent(Adaptation):
     """Gain adaptation law k' = gamma [|e| - lambda]+ |e|^(r - 1).
 
     Parameters
@@ -205,23 +197,12 @@ class Exponent:
         _check_field("exponent", self.exponent, least=1.0)
 
     def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
-        """Time derivative of the gain.
-
-        Parameters
-        ----------
-        gain, square, tube_radius : casadi.SX
-            As for `Adaptation`.
-
-        Returns
-        -------
-        Growth
-        """
         excess = _excess(square, tube_radius)
         return Growth(self.growth * excess * (tube_radius + excess) ** (self.exponent - 1))
 
 
 @dataclass(frozen=True, eq=False)
-class Decay:
+class Decay(Adaptation):
     """Growth with two exponents, and decay once the error has stayed in the tube for a while.
 
     k' = gamma (|e| - lambda)^2 for |e| >= lambda + 1, gamma sqrt(|e| - lambda) for
@@ -268,19 +249,8 @@ class Decay:
         _check_field("decay", self.decay, least=0.0)
 
     def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
-        """Time derivative of the gain.
-
-        Parameters
-        ----------
-        gain, square, tube_radius : casadi.SX
-            As for `Adaptation`.
-
-        Returns
-        -------
-        Growth
-            With the states ``gain_decaying`` (1 while the gain decays, else 0) and
-            ``gain_timer``, the time since the error entered or left the tube.
-        """
+        # `decaying` is 1 while the gain decays, else 0; `timer` is the time since the error entered
+        # or left the tube
         decaying, timer = ca.SX.sym("gain_decaying"), ca.SX.sym("gain_timer")
         own = ca.vertcat(decaying, timer)
         excess = _excess(square, tube_radius)

@@ -134,14 +134,6 @@ class Knowledge:
     Kept as a factor R of the Fisher information R'R, which is never formed: squared, half the
     digits would be lost.
 
-    Parameters
-    ----------
-    names : sequence of str
-        The n unknowns.
-    root : ndarray, shape (r, n)
-        Derivatives of what was measured, over its standard deviation, by the unknowns; any rows
-        with the same information do.
-
     Raises
     ------
     ArgumentError
@@ -156,7 +148,9 @@ class Knowledge:
     array([0.044721])
     """
 
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # the n unknowns
+    # (r, n) derivatives of what was measured, over its standard deviation, by the unknowns; any
+    # rows with the same information do
     root: np.ndarray
 
     def __post_init__(self) -> None:
@@ -269,21 +263,15 @@ def _inverse_root(covariance: np.ndarray) -> np.ndarray:
 class Criterion:
     """Purpose of a measurement: small errors of combinations of the unknowns.
 
-    Parameters
-    ----------
-    kind : {"D", "A"}
-        Volume of the confidence region of the combinations, or the sum of their variances.
-    rows : ndarray, shape (q, n)
-        The combinations.
-
     Raises
     ------
     ArgumentError
         If the kind is another, or the rows are not independent where a volume is asked for.
     """
 
+    # volume of the confidence region of the combinations, or the sum of their variances
     kind: Literal["D", "A"]
-    rows: np.ndarray
+    rows: np.ndarray  # (q, n) the combinations
 
     def __post_init__(self) -> None:
         rows = np.atleast_2d(numbers("rows", self.rows))

@@ -99,7 +99,7 @@ def positive(value: Expression) -> bool:
     return True if isinstance(value, ca.SX) else value > 0
 
 
-class _TwoWay:
+class _TwoWay(Law):
     """Common part of laws that let a contact slide in both directions."""
 
     forward: Expression
@@ -112,7 +112,7 @@ class _TwoWay:
         return tuple(sign for sign, force in pairs if isinstance(force, ca.SX) or force < math.inf)
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
-        """Blend of both sliding forces by tanh(v / v_reg), as in chapter 2.4; stiction is lost."""
+        # a blend of both sliding forces by tanh, as in chapter 2.4; stiction is lost
         if len(self.directions) < 2:
             raise ArgumentError(
                 f"smooth contact needs finite friction, not {self}; write a finite force, or treat "
@@ -120,26 +120,6 @@ class _TwoWay:
             )
         ahead, behind = self.slip_force(v, 1), self.slip_force(v, -1)
         return (ahead + behind) / 2 + (ahead - behind) / 2 * ca.tanh(v / v_reg)
-
-    def slip_force(self, v: Expression, direction: int) -> Expression:
-        """Force while sliding with velocity ``v`` in ``direction``.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        direction : {+1, -1}
-            Forward or backward.
-
-        Returns
-        -------
-        casadi.SX or float
-            Force on the worm.
-        """
-        return self._slip(v, direction)
-
-    def _slip(self, v: Expression, direction: int) -> Expression:
-        raise NotImplementedError
 
 
 def symbols_of(law: object) -> dict[str, ca.SX]:
@@ -220,8 +200,7 @@ class Coulomb(_TwoWay):
         behind = self.backward if self.stick_backward is None else self.stick_backward
         return -ahead, behind
 
-    def _slip(self, v: Expression, direction: int) -> Expression:
-        """Constant force against ``direction``, whatever ``v``."""
+    def slip_force(self, v: Expression, direction: int) -> Expression:
         return -self.forward if direction > 0 else self.backward
 
 
@@ -270,8 +249,7 @@ class Stribeck(_TwoWay):
         """Forces from ``-stick_forward`` to ``+stick_backward``."""
         return -self.stick_forward, self.stick_backward
 
-    def _slip(self, v: Expression, direction: int) -> Expression:
-        """Velocity-weakening force against ``direction``."""
+    def slip_force(self, v: Expression, direction: int) -> Expression:
         decay = ca.exp(-((v / self.v_stribeck) ** 2))
         if direction > 0:
             return -(self.forward + (self.stick_forward - self.forward) * decay)
@@ -315,29 +293,14 @@ class Viscous(_TwoWay):
         """At rest the force is zero."""
         return 0.0, 0.0
 
-    def _slip(self, v: Expression, direction: int) -> Expression:
-        """Force -k v in either direction."""
+    def slip_force(self, v: Expression, direction: int) -> Expression:
         return -self.drag * v
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
-        """Force -k v, which needs no regularisation.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        v_reg : float or casadi.SX
-            Without effect.
-
-        Returns
-        -------
-        casadi.SX or float
-            Force on the worm.
-        """
         return -self.drag * v
 
 
-class _Holding:
+class _Holding(Law):
     """Common part of laws that hold without limit; `scale` is the size of their smooth force."""
 
     scale: Expression
@@ -348,34 +311,10 @@ class _Holding:
             raise ArgumentError("scale must be positive")
 
     def slip_force(self, v: Expression, direction: int) -> Expression:
-        """No force in a direction in which the law lets a contact slide.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        direction : {+1, -1}
-            Forward or backward.
-
-        Returns
-        -------
-        float
-            Zero.
-
-        Raises
-        ------
-        ArgumentError
-            If there is no sliding in this direction.
-        """
         if direction not in self.directions:
             where = "" if not self.directions else " backward"
             raise ArgumentError(f"a {type(self).__name__} does not slide{where}")
         return 0.0
-
-    @property
-    def directions(self) -> tuple[int, ...]:
-        """Signs of the velocities at which the contact may slide."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -414,20 +353,7 @@ class Spike(_Holding):
         return 0.0, math.inf
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
-        """Hyperbola scale (sqrt(v^2 + v_reg^2) - v) / (2 v_reg), steep for v < 0.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        v_reg : float or casadi.SX
-            Width of the bend, positive.
-
-        Returns
-        -------
-        casadi.SX or float
-            Load on the spike, never negative.
-        """
+        # a hyperbola, steep for v < 0 and never negative
         return self.scale * (ca.sqrt(v**2 + v_reg**2) - v) / (2 * v_reg)
 
 
@@ -464,18 +390,4 @@ class NoSlip(_Holding):
         return -math.inf, math.inf
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
-        """Drag scale v / v_reg, against either direction.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        v_reg : float or casadi.SX
-            Velocity at which it is ``scale``, positive.
-
-        Returns
-        -------
-        casadi.SX or float
-            Force on the worm.
-        """
         return -self.scale * v / v_reg

@@ -102,7 +102,7 @@ class PlanarLaw(Protocol):
         ...
 
 
-class _Ellipse:
+class _Ellipse(PlanarLaw):
     """Common part of laws with elliptic holding forces; F+ and F- may differ."""
 
     forward: Expression
@@ -125,75 +125,8 @@ class _Ellipse:
         return ca.if_else(v_t >= 0, self.forward, self.backward)
 
     def gauge(self, force: ca.SX) -> ca.SX:
-        """Length of the force in units of the ellipse's radius in its direction.
-
-        Parameters
-        ----------
-        force : casadi.SX
-            Force on the worm, along the heading and to its left.
-
-        Returns
-        -------
-        casadi.SX
-            At most 1 where the ground can hold it.
-        """
+        # length of the force in units of the radius of the ellipse in its direction
         return ca.sqrt((force[0] / self.along(-force[0])) ** 2 + (force[1] / self.sideways) ** 2)
-
-    def slip_force(self, v: ca.SX) -> ca.SX:
-        """Force while sliding with velocity ``v``.
-
-        Parameters
-        ----------
-        v : casadi.SX
-            Velocity along the heading and to its left, not 0.
-
-        Returns
-        -------
-        casadi.SX
-            Force on the worm, on the edge of the ellipse.
-        """
-        return self._slip_force(v)
-
-    def slip_direction(self, force: ca.SX) -> ca.SX:
-        """Direction against which ``force`` is that of sliding.
-
-        Parameters
-        ----------
-        force : casadi.SX
-            Force on the worm, on the edge of the ellipse.
-
-        Returns
-        -------
-        casadi.SX
-            Direction of the velocity with which slip begins, of any length.
-        """
-        return self._slip_direction(force)
-
-    def smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
-        """Regularised force at velocity ``v``.
-
-        Parameters
-        ----------
-        v : casadi.SX
-            Velocity along the heading and to its left.
-        v_reg : float or casadi.SX
-            Width of the steep part, positive.
-
-        Returns
-        -------
-        casadi.SX
-            Force on the worm; none at rest.
-        """
-        return self._smooth(v, v_reg)
-
-    def _slip_force(self, v: ca.SX) -> ca.SX:
-        raise NotImplementedError
-
-    def _slip_direction(self, force: ca.SX) -> ca.SX:
-        raise NotImplementedError
-
-    def _smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
-        raise NotImplementedError
 
     @property
     def _largest(self) -> Expression:
@@ -255,12 +188,11 @@ class Elliptic(_Ellipse):
         """
         return ca.sqrt((self.along(v[0]) * v[0]) ** 2 + (self.sideways * v[1]) ** 2)
 
-    def _slip_force(self, v: ca.SX) -> ca.SX:
-        """Force of the ellipse that resists ``v`` most."""
+    def slip_force(self, v: ca.SX) -> ca.SX:
         return -self._squares(v) / self.power(v)
 
-    def _slip_direction(self, force: ca.SX) -> ca.SX:
-        """Direction against which ``force`` is the one that resists most: the ellipse's normal."""
+    def slip_direction(self, force: ca.SX) -> ca.SX:
+        # the normal of the ellipse
         return -ca.vertcat(force[0] / self.along(-force[0]) ** 2, force[1] / self.sideways**2)
 
     def nearest(self, force: ca.SX) -> ca.SX:
@@ -285,8 +217,8 @@ class Elliptic(_Ellipse):
             near = squares * force / (squares + shift)
         return ca.if_else(self.gauge(force) <= 1, force, near)
 
-    def _smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
-        """Gradient of sqrt(psi² + d²), d being ``v_reg`` times the largest resistance."""
+    def smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
+        # the gradient of sqrt(psi² + width²)
         width = v_reg * self._largest
         return -self._squares(v) / ca.sqrt(self.power(v) ** 2 + width**2)
 
@@ -327,16 +259,13 @@ class AnisotropicCoulomb(_Ellipse):
 
     associated = False
 
-    def _slip_force(self, v: ca.SX) -> ca.SX:
-        """Resistances by the direction of ``v``."""
+    def slip_force(self, v: ca.SX) -> ca.SX:
         return -self._products(v) / ca.norm_2(v)
 
-    def _slip_direction(self, force: ca.SX) -> ca.SX:
-        """Direction against which ``force`` is the resistance."""
+    def slip_direction(self, force: ca.SX) -> ca.SX:
         return -ca.vertcat(force[0] / self.along(-force[0]), force[1] / self.sideways)
 
-    def _smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
-        """Resistances by v / sqrt(|v|² + v_reg²)."""
+    def smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
         return -self._products(v) / ca.sqrt(ca.sumsqr(v) + v_reg**2)
 
     def _products(self, v: ca.SX) -> ca.SX:

@@ -45,12 +45,18 @@ class Treatment(Protocol):
     """Treatment of a Model's contacts in a nonlinear program."""
 
     def close(self, model: Model) -> Closure:
-        """Conditions that determine the contact forces of a model."""
+        """Conditions that determine the contact forces of a model.
+
+        Parameters
+        ----------
+        model : Model
+            Any model.
+        """
         ...
 
 
 @dataclass(frozen=True)
-class FixedModes:
+class FixedModes(Treatment):
     """Prescribes which contact sticks or slides in each phase; switching times are free.
 
     Between switches everything is smooth, so that collocation keeps its full order. A contact may
@@ -80,19 +86,9 @@ class FixedModes:
             check_kind("modes", self.modes, ModeSequence)
 
     def close(self, model: Model) -> Closure:
-        """Forces are unknowns; their conditions depend on the mode, see `Arc`.
-
-        Parameters
-        ----------
-        model : Model
-            Any model.
-
-        Returns
-        -------
-        Closure
-            Its ``level`` holds, contact by contact: sticks (0 or 1), direction of sliding (+-1),
-            and whether its force is left open by the motion (0 or 1).
-        """
+        # Forces are unknowns; their conditions depend on the mode, see `Arc`. The level holds, by
+        # contact: sticks (0 or 1), direction of sliding (+-1), and whether the motion leaves its
+        # force open (0 or 1).
         _refuse_planar(model, "FixedModes")
         n = len(model.contacts)
         nominal = np.array([c.nominal_force for c in model.contacts])
@@ -102,7 +98,7 @@ class FixedModes:
 
 
 @dataclass(frozen=True)
-class Regularised:
+class Regularised(Treatment):
     """The law is smoothed over the width ``v_reg``, narrowed from solve to solve.
 
     Parameters
@@ -141,24 +137,14 @@ class Regularised:
         return _levels(self.first, self.v_reg, self.ratio)
 
     def close(self, model: Model) -> Closure:
-        """Forces are the smooth laws, without further unknowns.
-
-        Parameters
-        ----------
-        model : Model
-            Any model.
-
-        Returns
-        -------
-        Closure
-        """
+        # forces are the smooth laws, without further unknowns
         v_reg = ca.SX.sym("v_reg")
         forces = _column(*(c.law.smooth(c.velocity, v_reg) for c in model.contacts))
         return Closure(forces, level=v_reg)
 
 
 @dataclass(frozen=True)
-class Complementarity:
+class Complementarity(Treatment):
     """The set-valued law itself, by complementarity at every collocation point.
 
     The velocity of a contact is split into parts w >= 0, one for each direction in which it may
@@ -204,17 +190,7 @@ class Complementarity:
         return _levels(self.first, self.residual, self.ratio)
 
     def close(self, model: Model) -> Closure:
-        """Unknowns are the forces, in their interval of rest, and the parts of the velocities.
-
-        Parameters
-        ----------
-        model : Model
-            Any model.
-
-        Returns
-        -------
-        Closure
-        """
+        # unknowns are the forces, in their interval of rest, and the parts of the velocities
         _refuse_planar(model, "Complementarity")
         parts, equal, small, speeds, rests = [], [], [], [], []
         for c in model.contacts:
@@ -278,17 +254,7 @@ class SwitchDetection(Complementarity):
     """
 
     def close(self, model: Model) -> Closure:
-        """Unknowns are the forces, in their interval of rest.
-
-        Parameters
-        ----------
-        model : Model
-            Any model.
-
-        Returns
-        -------
-        Closure
-        """
+        # unknowns are the forces, in their interval of rest
         _refuse_planar(model, "SwitchDetection")
         speeds, gaps, equal, rests = [], [], [], []
         for c in model.contacts:

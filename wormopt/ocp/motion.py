@@ -94,10 +94,6 @@ class Guess:
             Simulated with ``dense = True``, of a model with the problem's states. Its output
             ``input``, where it has one as `drive` and trackers give, makes the inputs.
 
-        Returns
-        -------
-        Guess
-
         Raises
         ------
         ArgumentError
@@ -219,10 +215,6 @@ class Motion(SampledMotion):
             Its variables.
         bounds : Bounds
             With which it was solved.
-
-        Returns
-        -------
-        Motion
         """
         n, (level, schedules, _, p) = program.mesh.total, program.arc.constants
         edges = np.cumsum([level.numel() * n, schedules.numel() * n])

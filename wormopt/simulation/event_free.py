@@ -79,10 +79,6 @@ def ending(
     report : callable, optional
         Receives the progress.
 
-    Returns
-    -------
-    Ending
-
     Raises
     ------
     ArgumentError

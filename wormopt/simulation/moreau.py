@@ -377,10 +377,6 @@ class MoreauJean:
         report : callable, optional
             Receives the progress.
 
-        Returns
-        -------
-        StepRecord
-
         Raises
         ------
         ArgumentError
@@ -453,10 +449,6 @@ class MoreauJean:
         ----------
         x0, numbers : ndarray
             As for `stable_step`.
-
-        Returns
-        -------
-        float
         """
         return _SAFE * self.stable_step(x0, numbers)
 

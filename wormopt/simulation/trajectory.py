@@ -294,10 +294,6 @@ class Trajectory(SampledMotion):
         t : ndarray, shape (m,)
             Times, ascending.
 
-        Returns
-        -------
-        Trajectory
-
         Raises
         ------
         ArgumentError

@@ -222,6 +222,15 @@ def entry(meaning: str, *, quantity: str = "", default: Any = NODEFAULT, per: st
     return Key(quantity, meaning, default, per=per)
 
 
+def words_of_pictures(pictures: Mapping[str, str | tuple[str, str]]) -> str:
+    """Meaning of the key `want`: what each picture of a kind shows."""
+    shown: dict[str, list[str]] = {}
+    for name, said in pictures.items():
+        meaning = said if isinstance(said, str) else said[0]
+        shown.setdefault(meaning, []).append(f"`{name}`")
+    return "; ".join(f"{', '.join(names)}: {meaning}" for meaning, names in shown.items())
+
+
 @dataclass_transform(
     frozen_default=True,
     kw_only_default=True,
@@ -260,9 +269,10 @@ class GivenMeta(StructMeta):
                 del space[field]
         if kind:  # of a study
             notes["kind"], space["kind"] = Literal[kind], kind
-            if "want" not in notes and (pictures := tuple(space.get("pictures", ()))):
-                wanted = Key("", "pictures to draw, each once", ())
-                notes["want"], space["want"] = wanted.typed(tuple[Literal[pictures], ...]), ()
+            if pictures := space.get("pictures", {}):
+                wanted = Key("", words_of_pictures(pictures), ())
+                notes["want"] = wanted.typed(tuple[Literal[tuple(pictures)], ...])
+                space["want"] = ()
         config.setdefault("kw_only", True)
         made: Any = super().__new__(
             mcs,

@@ -64,8 +64,14 @@ class Study(Given):
     """Quantity, dimensions and meaning of variables whose names are known, by name."""
     headline: ClassVar[tuple[str, ...]] = ()
     """Scalars that answer what was asked, reported first; the first five if empty."""
-    pictures: ClassVar[Mapping[str, str]] = {}
-    """Pictures by name: "module:function" that draws one of a Result."""
+    pictures: ClassVar[Mapping[str, str | tuple[str, str]]] = {}
+    """Meaning of pictures by name, for the key `want`.
+
+    A function of that name in `pictures.py` of the system draws one of a Result. Another is named
+    after the meaning, as "function" or "module:function".
+    """
+    drawn_by: ClassVar[Mapping[str, str]] = {}
+    """Functions of pictures by name, "module:function"."""
     refuses: ClassVar[Mapping[str, str]] = {}
     """Keys that the kind does not take of shared tables: why, and what to write instead.
 
@@ -105,6 +111,12 @@ class Study(Given):
             if hasattr(Study, name):
                 raise TypeError(f"{cls.__name__}.{name} is a name of Study; choose another")
         cls.members = found
+        room = cls.__module__.rpartition(".")[0]
+        cls.drawn_by = {}
+        for name, said in cls.pictures.items():
+            function = name if isinstance(said, str) else said[1]
+            own = f"{room}.pictures:{function}"
+            cls.drawn_by[name] = function if ":" in function else own
         numbers = [one for one in found.values() if one.role == "scalar"]
         cls.scalars = {name: meant for one in numbers for name, meant in one.declares.items()}
         headline = (one.headlines or (one.reported_as,) * one.headline for one in numbers)

@@ -28,7 +28,7 @@ Points = Annotated[int, Meta(ge=1, le=_MOST, description=f"a whole number from 1
 class Swept(Given):
     """Keys that are varied when the scene is swept; `wormopt run` leaves them as they are."""
 
-    pictures: ClassVar = {"sweep": "wormopt.families.pictures:sweep"}
+    drawn_by: ClassVar = {"sweep": "wormopt.families.pictures:sweep"}
     exports: ClassVar = {"points.csv": "wormopt.families.gathered:as_csv"}
 
     over: dict[str, Any] = entry(

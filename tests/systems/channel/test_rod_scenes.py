@@ -499,7 +499,6 @@ RODS = """
     coils.outer_radius=12e-3 | coils.outer_radius
     switching.every=3 | switching.every
     mesh.elements=5 | mesh.elements
-    time.settle=1 | time.settle
     units="dimensionless" | units
     """
 test_bad_rods_name_their_key = refusals("fig21_rod_motion", RODS)

@@ -249,7 +249,6 @@ test_bad_films_are_refused = refusals(
     film={delta=0.5} | film.tension | missing
     film={tension=0.1} | film.delta | missing
     grid.most=40 | grid.most | at least 64
-    grid.order=5 | grid.order | 4, 6, 8
     field={samples=[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]} | field.samples | is not periodic
     field={samples=[0.0, 1.0, 2.0]} | field.samples | 4 to 100000
     field={} | field.samples | missing

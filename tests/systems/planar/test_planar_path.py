@@ -138,7 +138,7 @@ def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number
     step = ALL.steps[number]
     pose = np.array([*noise.uniform(-1, 1, 2), noise.uniform(-3, 3)])
     obstacles = [random_obstacle(noise, kind) for kind in range(3)]
-    task = PathTask(pose, pose, NEAR, obstacles)
+    task = PathTask(pose, pose, NEAR, obstacles=obstacles)
     room = task.step_room(pose, step, 0.0)
     assert isinstance(step.motion, KinematicMotion)
     course = step.motion.course  # instants that the step does not keep
@@ -217,7 +217,7 @@ def test_search_finds_what_brute_force_finds(seed: int, cost: Cost):
     goal = goal + noise.uniform(-0.1, 0.1, 3)
     obstacles = [Disc((x, y), 0.3) for x, y in noise.uniform(-2.5, 2.5, (2, 2))]
     near = Tolerance(0.2, 0.2)
-    task = PathTask(np.zeros(3), goal, near, obstacles)
+    task = PathTask(np.zeros(3), goal, near, obstacles=obstacles)
     best = by_brute_force(task, lib, near, cost)
     # a path of more than four steps may be cheaper by work or time: look at those of its cost only
     found = next(routes(task, lib, near, SearchOptions(cost, most=600), Looked()), None)
@@ -277,7 +277,9 @@ def test_the_path_does_not_hang_on_where_it_begins(seed: int):
     found = []
     for base in (np.zeros(3), moved):
         centre = compose(base, [*disc, 0.0])[:2]
-        task = PathTask(base, compose(base, goal), FINE, [Disc((centre[0], centre[1]), 0.3)])
+        task = PathTask(
+            base, compose(base, goal), FINE, obstacles=[Disc((centre[0], centre[1]), 0.3)]
+        )
         found.append(plan_path(task, ALL, Tolerance(0.2, 0.2), cost="steps", most=2000))
     one, other = found
     assert one.route.steps == other.route.steps
@@ -321,7 +323,7 @@ def test_a_path_of_crawls_and_held_steps_ends_in_its_pose_when_simulated():
     turn = gait_family("turn", WORM, (0.6, 0.6, 0.4), [(0.0, 0.0, 0.8)], (0.5, 1.0),
                        ground=LAW_BACK, held=TURN)  # fmt: skip
     post = Disc((1.2, -0.7), 0.2)
-    task = PathTask(np.zeros(3), np.array([2.6, 0.8, 0.3]), FINE, [post])
+    task = PathTask(np.zeros(3), np.array([2.6, 0.8, 0.3]), FINE, obstacles=[post])
     path = plan_path(task, Library((*gaits, turn), 0.05), Tolerance(0.2, 0.2),
                      cost="work", cell=(0.05, 0.05))  # fmt: skip
     assert np.abs(path.off).max() < 1e-9
@@ -355,7 +357,9 @@ def test_polish_ends_in_the_goal_and_costs_least_of_what_is_near():
 @pytest.mark.slow
 def test_a_path_past_a_disc_ends_in_its_pose_and_touches_nothing_when_simulated():
     obstacles = [Disc((1.2, 0.0), 0.35)]
-    task = PathTask(np.zeros(3), np.array([3.0, 0.2, 0.0]), FINE, obstacles, clearance=0.01)
+    task = PathTask(
+        np.zeros(3), np.array([3.0, 0.2, 0.0]), FINE, obstacles=obstacles, clearance=0.01
+    )
     path = plan_path(task, ALL, NEAR, cost="steps", cell=(0.1, 0.1))
     course = simulate_path(path, looks=16)
     assert FINE.met(task.off(course.pose))
@@ -380,7 +384,7 @@ def test_no_path_is_told_from_no_end_of_the_search():
     ring = [Capsule((x, y), (z, w), 0.1) for (x, y), (z, w) in (
         ((-2, -1), (1, -1)), ((1, -1), (1, 1)), ((1, 1), (-2, 1)), ((-2, 1), (-2, -1)),
     )]  # fmt: skip
-    task = PathTask(np.zeros(3), np.array([4.0, 0.0, 0.0]), FINE, ring)
+    task = PathTask(np.zeros(3), np.array([4.0, 0.0, 0.0]), FINE, obstacles=ring)
     one = Library((family("ahead", (0.4, 0.4, 0.0), AHEAD, (1.0,)),), 0.05)
     with pytest.raises(SolveError, match="all 2 poses") as refused:
         plan_path(task, one, NEAR)
@@ -390,11 +394,11 @@ def test_no_path_is_told_from_no_end_of_the_search():
 
 
 def test_ends_that_touch_are_refused_before_any_search():
-    goal = PathTask(np.zeros(3), np.array([2.0, 0, 0]), FINE, [Disc((2.0, 0.3), 0.4)])
+    goal = PathTask(np.zeros(3), np.array([2.0, 0, 0]), FINE, obstacles=[Disc((2.0, 0.3), 0.4)])
     with pytest.raises(SolveError, match=r"at the goal the body lacks 0\.15"):
         plan_path(goal, ALL, NEAR)
     block = Block(((-3, -3), (3, -3), (3, 3), (-3, 3)))
-    start = PathTask(np.zeros(3), np.array([9.0, 0, 0]), FINE, [block])
+    start = PathTask(np.zeros(3), np.array([9.0, 0, 0]), FINE, obstacles=[block])
     with pytest.raises(SolveError, match="at the start"):
         plan_path(start, ALL, NEAR)
 

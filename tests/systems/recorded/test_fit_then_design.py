@@ -57,7 +57,6 @@ test_scenes_that_do_not_fit_together_are_refused = refusals(
     gait.sharing="least_actuation" | gait.sharing | nonlinear
     fit.numbers=[] | fit.numbers | the list is empty
     plant.mass=[1, 1] | plant.mass | 2 entries
-    confidence=1.0 | confidence | from 0.5 to below 1
     worm.links=3 & plant.mass=1.0 | recording[0].gait.shape | "fast" has 2 links
     fit.noise={actuator=0.2} | fit | no signal 'actuator'
     recording.0.columns={mu0="force[0]", mu1="force[1]"} | recording | no signal force

@@ -175,7 +175,6 @@ test_scenes_that_do_not_fit_together_are_refused = refusals(
     gait.sharing="least_actuation" | gait.sharing | nonlinear
     gait.rate=[1, 1, 1] | gait.rate | 3 entries for 2 links
     objective={minimise="energy_per_distance", speed=0.01} | objective.minimise | parameters
-    confidence=1.0 | confidence | from 0.5 to below 1
     fit.recording.0.columns={head="positon[0]"} | fit.recording[0].columns.head | no signal positon
     fit={scene="film.toml"} | fit.scene | "film.toml": there is no such file
     plant={"worm.fricton.forward"=1.0} | plant.worm.fricton | did you mean friction

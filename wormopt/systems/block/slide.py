@@ -95,10 +95,11 @@ class Slide(OptimalMotion, kind="slide"):
     The arrays contain the instants at which arcs join twice.
     """
 
-    pictures: ClassVar = {"signals": "wormopt.systems.chain.pictures:signals"}
+    pictures: ClassVar = {
+        "signals": ("signals over time", "wormopt.systems.chain.pictures:signals"),
+    }
     keys_of_names: ClassVar = {"force": "block.force", "arcs": "mesh.arcs"}
 
-    want: tuple[Literal["signals"], ...] = entry("`signals`: signals over time", default=())
     block: Block = entry("the block")
     start: Place = entry("initial state")
     end: Place = entry("final state")
@@ -110,7 +111,6 @@ class Slide(OptimalMotion, kind="slide"):
     mesh: MeshTable = entry("mesh in time", default=MeshTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         wrong = list(faults_of_law("block.friction", self.block.friction, 1))
         yield from wrong
         if not wrong and self.start != self.end and isinstance(self.contact, ExactContact):
@@ -281,17 +281,14 @@ class Slide(OptimalMotion, kind="slide"):
 
     @property
     def defect(self) -> float:
-        """Requested local error of an arc."""
         return self.mesh.tolerance
 
     @property
     def treatment(self) -> Treatment:
-        """Treatment of contact in the simulation."""
         return self.contact.options
 
     @property
     def accepted(self) -> float:
-        """Largest accepted difference between the ends of the optimum and of its simulation."""
         motion = self.motion
         arc = motion.program.arc
         rates = np.abs(motion.observe(arc.lawful_ode, motion.time)).max(axis=1) / arc.x_nominal

@@ -108,9 +108,6 @@ _INTERVALS: Variables = {
 class Rivals(Following):
     """Base of comparisons: every controller on the nominal plant and on drawn plants."""
 
-    pictures: ClassVar = {
-        name: f"wormopt.systems.chain.pictures:{name}" for name in ("comparison", "draws")
-    }
     table_file: ClassVar = True
 
     tube: Tube = entry("tube that all controllers are judged by, from the time of capture on")
@@ -125,7 +122,6 @@ class Rivals(Following):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         yield from self.tube.faults_in(self.time.end)
 
@@ -346,7 +342,6 @@ class _Asked(Rivals):
         return ["reference"]
 
     def drawn(self) -> Sequence[Draw]:
-        """Parameters of the drawn plants."""
         own, spread = vars(self)["own"], vars(self)["_spread"]
         return drawn_plants(own, spread, self.draws.seed, self.draws.members)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from msgspec import structs
 
@@ -99,13 +99,12 @@ class CompareTracking(Rivals, kind="compare-tracking"):
     controllers), `known` (names), and `table`, the text of `table.md`.
     """
 
+    pictures: ClassVar = {
+        "comparison": "error over time, and largest error against input",
+        "draws": "box plots over the plants",
+    }
     refuses: ClassVar = refused_of_nominal("draws")
 
-    want: tuple[Literal["comparison", "draws"], ...] = entry(
-        "`comparison`: error over time, and largest error against input; `draws`: box plots "
-        "over the plants",
-        default=(),
-    )
     reference: tuple[NamedReference, ...] = entry(
         "tables `[[reference]]`: gaits to follow; known plants use the first"
     )
@@ -131,7 +130,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
     workers: int = whole(1, 64, "number of processes for the optimisation", default=2)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         if not self.reference:
             yield "reference", "has no entries; write at least one [[reference]]"
@@ -200,7 +198,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
 
     @property
     def references(self) -> Sequence[str]:
-        """Names of the references."""
         return [each.name for each in self.reference]
 
     def plant(self, gait: Gait) -> Model:
@@ -328,7 +325,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
         return Controller(name, self.by_hardware(plant, loop))
 
     def by_hardware(self, plant: Model, loop: Model) -> Model:
-        """A loop whose controller measures and acts by the scene's hardware."""
         try:
             return super().by_hardware(plant, loop)
         except ArgumentError as error:
@@ -402,7 +398,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
         return {"known": [*self.known]}
 
     def tables(self) -> Iterator[str]:
-        """Lines of Markdown with all figures."""
         yield from super().tables()
         draws = self.draws
         if draws.known:

@@ -124,7 +124,6 @@ class Aim(Given):
         return "acceleration" if self.minimise else "speed"
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield conflicts between the keys."""
         if (self.maximise is None) == (self.minimise is None):
             which = "has both" if self.maximise else "has neither"
             yield (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from msgspec import field
 
@@ -201,9 +201,10 @@ class Linear(Tracking, kind="linear"):
         "the table out",
     }
     pictures: ClassVar = {
-        "bode": "wormopt.systems.chain.pictures:response",
-        "poles": "wormopt.systems.chain.pictures:poles",
-        "margins": "wormopt.systems.chain.pictures:margins",
+        "bode": ("gain and phase of the chain", "response"),
+        "poles": "poles, zeros, and the loop's poles over the gain",
+        "margins": "margins and errors over the gain, with the sufficient gains and "
+        "the learned one",
     }
     headline: ClassVar = (
         "gain_learned",
@@ -214,12 +215,6 @@ class Linear(Tracking, kind="linear"):
         "disk_margin",
     )
 
-    want: tuple[Literal["bode", "poles", "margins"], ...] = entry(
-        "`bode`: gain and phase of the chain; `poles`: poles, zeros, and the loop's poles "
-        "over the gain; `margins`: margins and errors over the gain, with the sufficient "
-        "gains and the learned gain",
-        default=(),
-    )
     tracker: FilterTracker | DerivativeTracker = entry("the tracker; `feedback` selects its kind")
     point: Point = entry("operating point of the linearisation", default=Point)
     gains: Gains = entry("gains of the frozen loop", default=Gains)
@@ -227,7 +222,6 @@ class Linear(Tracking, kind="linear"):
     tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         if self.model is not None and self.point.velocity != 0.0:
             yield "point.velocity", "applies to [worm] only; write value= of states of your Model"
@@ -242,7 +236,6 @@ class Linear(Tracking, kind="linear"):
             )
 
     def faults_of_sizes(self, links: int) -> Iterator[Fault]:
-        """Yield what does not fit the number of links."""
         yield from super().faults_of_sizes(links)
         yield from self.tracker.faults("tracker", links)
         if links > MOST_LINKS:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SceneError, SolveError
 from wormopt.progress import Report
@@ -135,8 +135,11 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.pictures:{name}" for name in ("signals", "convergence")
-    } | {"animation": "wormopt.pictures.worms:animation"}
+        "signals": "signals over time",
+        "convergence": "further solves with smoothed contact and on finer grids, and their "
+        "convergence to the exact answer",
+        "animation": ("the moving worm, as a GIF", "wormopt.pictures.worms:animation"),
+    }
     wanted: ClassVar = ("convergence",)
     refuses: ClassVar = {
         "worm.random": "is not allowed, since an optimal crawl belongs to a known chain; write "
@@ -163,12 +166,6 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         "limits.length, limits.actuator_force or limits.period",
     }
 
-    want: tuple[Literal["signals", "convergence", "animation"], ...] = entry(
-        "`signals`: signals over time; `animation`: the moving worm, as a GIF; `convergence`: "
-        "further solves with smoothed contact and on finer grids, and their convergence to the "
-        "exact answer",
-        default=(),
-    )
     worm: ChainTable = entry("the chain, with `friction`")
     limits: CrawlLimits = entry("limits of the crawl")
     objective: Aim = entry("objective of the crawl")
@@ -179,7 +176,6 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from self.worm.faults(1.0, self.units)
         yield from self.limits.faults_for(self.worm.links)
         if self.worm.friction is None:
@@ -292,14 +288,12 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @property
     def accepted(self) -> float:
-        """Largest accepted difference between the ends of the optimum and of its simulation."""
         if self.exact:
             return ACCEPTED
         return _ACCEPTED_AT_SWITCHES if self.single_chain else _ACCEPTED_ON_GRID
 
     @property
     def defect(self) -> float:
-        """Requested local error of an arc."""
         return self.mesh.tolerance if self.exact else math.inf
 
     # -- speeds ------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from msgspec import field
 
@@ -155,16 +155,11 @@ class Simulate(Study, kind="simulate"):
     """
 
     pictures: ClassVar = {
-        "motion": "wormopt.systems.chain.pictures:motion",
-        "signals": "wormopt.systems.chain.pictures:signals",
-        "animation": "wormopt.pictures.worms:animation",
+        "motion": "paths of a chain, with time upward",
+        "signals": "signals over time",
+        "animation": ("the moving masses of a chain, as a GIF", "wormopt.pictures.worms:animation"),
     }
 
-    want: tuple[Literal["motion", "signals", "animation"], ...] = entry(
-        "`signals`: signals over time; `motion`, of a chain: paths with time upward; `animation`, "
-        "of a chain: the moving masses, as a GIF",
-        default=(),
-    )
     worm: ChainTable | None = entry("the chain", default=None)
     start: Start | None = entry("initial state of the chain; default: at rest length", default=None)
     actuation: Actuation | None = entry(
@@ -176,7 +171,6 @@ class Simulate(Study, kind="simulate"):
     tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         if self.worm is not None and self.model is not None:
             yield "model", "both [worm] and model are given; leave one out"
         elif self.worm is not None:

@@ -416,7 +416,6 @@ class FilterTracker(LambdaTracker, tag="filter"):
     filter_start: FinitePerLink = entry("*θ*(0)", quantity="length", default=1.0)
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
-        """Yield conflicts with a worm of this number of links; `key` is the path of this table."""
         yield from super().faults(key, links)
         yield from wrong_count(f"{key}.filter_start", self.filter_start, links, "links")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from msgspec import field
 
@@ -148,16 +148,13 @@ class Track(Tracking, kind="track"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion", "bands")
-    } | {"animation": "wormopt.pictures.worms:animation"}
+        "trackers": "outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
+        "figures 5 to 8 of Zimmermann et al. 2007)",
+        "motion": "paths with time upward, thick where a mass rests",
+        "bands": "outputs of `[ensemble]`, instead of the others",
+        "animation": ("the moving worms, as a GIF", "wormopt.pictures.worms:animation"),
+    }
 
-    want: tuple[Literal["trackers", "motion", "bands", "animation"], ...] = entry(
-        "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
-        "figures 5 to 8 of Zimmermann et al. 2007); `motion`: paths with time upward, thick "
-        "where a mass rests; `animation`: the moving worms, as a GIF; with `[ensemble]` `bands` "
-        "instead",
-        default=(),
-    )
     tracker: Tracker | tuple[Tracker, ...] = entry(
         "the controller, or one `[[tracker]]` for each controller; `feedback` selects its kind"
     )
@@ -175,7 +172,6 @@ class Track(Tracking, kind="track"):
         return f"tracker[{index}]" if isinstance(self.tracker, tuple) else "tracker"
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         if not self.trackers:
             yield "tracker", "has no entries; write at least one [[tracker]]"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault
 from wormopt.quantities import Scalar
@@ -97,8 +97,10 @@ class TrackOptimal(Tracking, kind="track-optimal"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.pictures:{name}" for name in ("trackers", "motion")
-    } | {"animation": "wormopt.pictures.worms:animation"}
+        "trackers": "lengths with the *λ*-strip, error, input, motion",
+        "motion": "paths with time upward, thick where a mass rests",
+        "animation": ("the moving worms, as a GIF", "wormopt.pictures.worms:animation"),
+    }
     refuses: ClassVar = {
         "worm.random": "is not allowed, since an optimal input belongs to a single chain; leave "
         "the table out"
@@ -112,11 +114,6 @@ class TrackOptimal(Tracking, kind="track-optimal"):
         "distance",
     )
 
-    want: tuple[Literal["trackers", "motion", "animation"], ...] = entry(
-        "`trackers`: lengths with the *λ*-strip, error, input, motion; `motion`: paths with "
-        "time upward, thick where a mass rests; `animation`: the moving worms, as a GIF",
-        default=(),
-    )
     tube: Tube = entry("tube around the reference")
     objective: LeastError | LeastInput = entry("minimised quantity")
     mesh: Grid = entry("mesh of the optimiser", default=Grid)
@@ -124,7 +121,6 @@ class TrackOptimal(Tracking, kind="track-optimal"):
     tolerance: ToleranceTable = entry("tolerance of the exact simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         yield from self.tube.faults_in(self.time.end)
 

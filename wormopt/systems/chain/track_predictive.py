@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
 from wormopt.result import NOT_RECHECKED, Check
@@ -182,16 +182,12 @@ class TrackPredictive(Tracking, kind="track-predictive"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.chain.pictures:{name}" for name in ("predictive", "estimates")
+        "predictive": "error over time, costs on all plants, duration of decisions",
+        "estimates": "estimated parameters over the plants' true values",
     }
     table_file: ClassVar = True
     refuses: ClassVar = refused_of_nominal("plants")
 
-    want: tuple[Literal["predictive", "estimates"], ...] = entry(
-        "`predictive`: error over time, costs on all plants, duration of decisions; "
-        "`estimates`: estimated parameters over the plants' true values",
-        default=(),
-    )
     tube: Tube = entry("tube that all controllers are judged by")
     predictive: PredictiveControl = entry("predictive controller")
     estimation: ParameterEstimation | None = entry(
@@ -201,7 +197,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
     tolerance: ToleranceTable = entry("tolerance of the simulations", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from super().faults_of_keys()
         yield from self.predictive.faults_in(self.time.end, self.units)
         if self.estimation is not None and self.model is not None:

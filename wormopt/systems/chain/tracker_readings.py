@@ -119,7 +119,6 @@ class Worm(Given):
     damping: NonNegativePerLink = entry("dashpot constants *d*<sub>j</sub>", quantity="drag")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from wrong_count("mass", self.mass, self.links + 1, "masses")
         for name in ("stiffness", "damping"):
             yield from wrong_count(name, getattr(self, name), self.links, "links")
@@ -179,7 +178,6 @@ class Alternatives(Given):
         return prod(len(getattr(self, name)) for name in self.__struct_fields__)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         for name in self.__struct_fields__:
             given = getattr(self, name)
             if not given:
@@ -260,8 +258,8 @@ class TrackerReadings(Study, kind="tracker-readings"):
     """
 
     pictures: ClassVar = {
-        "readings": "wormopt.systems.chain.pictures:readings",
-        "trackers": "wormopt.systems.chain.pictures:trackers",
+        "readings": "entries that support each sentence, and their numbers",
+        "trackers": "the shown reading, in the order of figures 5 to 8",
     }
     table_file: ClassVar = True
     exports: ClassVar = {"readings.csv": "wormopt.systems.chain.tracker_readings:as_csv"}
@@ -273,11 +271,6 @@ class TrackerReadings(Study, kind="tracker-readings"):
         "chosen_gain",
     )
 
-    want: tuple[Literal["readings", "trackers"], ...] = entry(
-        "`readings`: entries that support each sentence, and their numbers; `trackers`: the "
-        "shown reading, in the order of figures 5 to 8",
-        default=(),
-    )
     worm: Worm = entry("the worm")
     reference: Reference = entry("reference of the links; each reading sets its period")
     tracker: Trackers = entry("parameters of both trackers")
@@ -288,7 +281,6 @@ class TrackerReadings(Study, kind="tracker-readings"):
     tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         links = self.worm.links
         yield from self.reference.gait.faults(links, self.folder, "reference.gait")
         yield from wrong_count("tracker.filter_start", self.tracker.filter_start, links, "links")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault
 from wormopt.study import (
@@ -90,11 +90,8 @@ class ChannelVelocity(BodyStudy, kind="channel-worm"):
     segment at all, and marks outside the stated validity of eq. 32.
     """
 
-    pictures: ClassVar = {"channel_velocity": "wormopt.systems.channel.pictures:channel_velocity"}
+    pictures: ClassVar = {"channel_velocity": "figures 19 and 20 of Zimmermann et al."}
 
-    want: tuple[Literal["channel_velocity"], ...] = entry(
-        "`channel_velocity`: figures 19 and 20 of Zimmermann et al.", default=()
-    )
     frequency: Pair = entry(
         "range of coil switches per second", quantity="rate", default=(5.0, 1000.0)
     )
@@ -111,7 +108,6 @@ class ChannelVelocity(BodyStudy, kind="channel-worm"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from wrong_order("frequency", self.frequency, may_be_equal=False)
 

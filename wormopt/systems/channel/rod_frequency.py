@@ -272,15 +272,12 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     again. The status is `failed` if a motion fails; the report names it.
     """
 
-    pictures: ClassVar = {"rod_frequency": "wormopt.systems.channel.pictures:rod_frequency"}
+    pictures: ClassVar = {"rod_frequency": "velocity over frequency, and its sensitivities"}
     headline: ClassVar = (
         "velocity_mean", "velocity_error", "direction", "frequency_best", "velocity_best",
     )  # fmt: skip
     resumes = True
 
-    want: tuple[Literal["rod_frequency"], ...] = entry(
-        "`rod_frequency`: velocity over frequency, and its sensitivities", default=()
-    )
     frequencies: Rates = entry("switches per second, ascending", quantity="rate")
     switching: Pattern = entry("switching of the coils", default=Pattern)
     time: Duration = entry("duration", default=Duration(end=3.0))
@@ -299,7 +296,6 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     measured: tuple[Measured, ...] = entry("measured points in the plot", default=())
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         if list(self.frequencies) != sorted(set(self.frequencies)):
             yield "frequencies", "they do not ascend; write them in order, each once"

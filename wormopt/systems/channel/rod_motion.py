@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta, structs
 
@@ -165,17 +165,13 @@ class RodMotion(RodStudy, kind="rod-motion"):
     """
 
     pictures: ClassVar = {
-        "rod_motion": "wormopt.systems.channel.pictures:rod_motion",
-        "animation": "wormopt.systems.channel.pictures:animation",
+        "rod_motion": "shapes, displacement, works",
+        "animation": "the moving rod, as a GIF",
     }
     headline: ClassVar = (
         "velocity_mean", "velocity_error", "direction", "velocity_per_frequency", "field_speed",
     )  # fmt: skip
 
-    want: tuple[Literal["rod_motion", "animation"], ...] = entry(
-        "`rod_motion`: shapes, displacement, works; `animation`: the moving rod, as a GIF",
-        default=(),
-    )
     switching: Switching = entry("switching of the coils")
     convergence: Convergence = entry("other meshes and steps", default=Convergence)
 

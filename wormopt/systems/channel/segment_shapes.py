@@ -169,14 +169,13 @@ class SegmentShapes(BodyStudy, kind="segment-shapes"):
     too small.
     """
 
-    pictures: ClassVar = {"segment_shapes": "wormopt.systems.channel.pictures:segment_shapes"}
+    pictures: ClassVar = {
+        "segment_shapes": "centre lines between the walls, distances, the rod at rest",
+    }
     headline: ClassVar = (
         "shapes", "arc_length", "segments", "velocity_per_frequency", "energy_over_stiffness",
     )  # fmt: skip
 
-    want: tuple[Literal["segment_shapes"], ...] = entry(
-        "`segment_shapes`: centre lines between the walls, distances, the rod at rest", default=()
-    )
     exact: Closings = entry(
         "`point_contact`: walls push across the channel and nothing pulls along it; `sleeve`: "
         "the length is free and has the least energy",
@@ -189,7 +188,6 @@ class SegmentShapes(BodyStudy, kind="segment-shapes"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         for word in sorted(set(self.exact)):
             if self.exact.count(word) > 1:

@@ -381,7 +381,6 @@ class RodStudy(SIStudy):
     time: Duration = entry("duration", default=Duration)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         worm, channel, coils = self.worm, self.channel, self.coils
         if worm.diameter >= channel.diameter:

@@ -101,7 +101,6 @@ class Waveforms(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from wrong_order("frequency", self.frequency, may_be_equal=False)
         if self.slew is not None and self.form == "steps":
             yield "slew", 'currents of form = "steps" jump; write form = "ramps"'
@@ -151,19 +150,14 @@ class CoilDesign(OverCoils, kind="coil-design"):
     """
 
     pictures: ClassVar = {
-        "coil_design": "wormopt.systems.coils.pictures:coil_design",
-        "animation": "wormopt.systems.coils.pictures:animation",
+        "coil_design": "waveforms, paths of the float, currents and film",
+        "animation": "film, float and coils with current, as a moving GIF",
     }
     headline: ClassVar = (
         "float_speed", "over_mean_field", "over_block", "power", "neighbour_gain",
     )  # fmt: skip
     remedy = "raise film.top, grid.cells or fluid.viscosity, or lower coils.ampere_turns"
 
-    want: tuple[Literal["coil_design", "animation"], ...] = entry(
-        "`coil_design`: waveforms, paths of the float, currents and film; `animation`: film, float "
-        "and coils with current, as a moving GIF",
-        default=(),
-    )
     objective: CarryAim = entry("objective", default=CarryAim)
     pattern: Waveforms = entry("waveforms to search")
     coils: Coils = entry("the row; `ampere_turns` is the limit", default=Coils)
@@ -174,7 +168,6 @@ class CoilDesign(OverCoils, kind="coil-design"):
     grid: Cells = entry("grid of the final simulation", default=Cells)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from self.pattern.faults_in(self.coils)
 
@@ -242,12 +235,10 @@ class CoilDesign(OverCoils, kind="coil-design"):
 
     @cached_property
     def currents(self) -> Gait:
-        """Ampere-turns of the coils over time."""
         return self.design.course(self.coils.count)
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Times at which states are kept, in s."""
         return np.linspace(0.0, self.time.end, self.time.samples)
 
     @stage

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault
 from wormopt.result import left_out
@@ -57,26 +57,19 @@ class CoilFilm(OverCoils, kind="coil-film"):
     """
 
     pictures: ClassVar = {
-        "coil_film": "wormopt.systems.coils.pictures:coil_film",
-        "cargo": "wormopt.systems.coils.pictures:cargo",
-        "animation": "wormopt.systems.coils.pictures:animation",
+        "coil_film": "surface over place and time, at a few times, and the flow",
+        "cargo": "the float on the film at a few times, to scale, and its path",
+        "animation": "film, float and the coils that are on, as a moving GIF",
     }
     headline: ClassVar = (
         "carried_per_switch", "thickness_max", "thickness_min", "own_field_left_out", "grid_error",
     )  # fmt: skip
     remedy = "lower switching.ampere_turns, or raise film.top, grid.cells or fluid.viscosity"
 
-    want: tuple[Literal["coil_film", "cargo", "animation"], ...] = entry(
-        "`coil_film`: surface over place and time, at a few times, and the flow; `cargo`: the "
-        "float on the film at a few times, to scale, and its path; `animation`: film, float and "
-        "the coils that are on, as a moving GIF",
-        default=(),
-    )
     switching: Switching = entry("sequence of active coils")
     time: SwitchedTime = entry("duration")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from self.switching.faults_in(self.coils)
         if self.cargo is None and "cargo" in self.want:
@@ -84,12 +77,10 @@ class CoilFilm(OverCoils, kind="coil-film"):
 
     @cached_property
     def currents(self) -> Gait:
-        """Ampere-turns of the coils over time."""
         return self.switching.currents(self.coils)
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Times at which states are kept, in s."""
         steps = self.time.switches
         return np.linspace(0, steps / self.switching.frequency, steps * self.time.samples + 1)
 

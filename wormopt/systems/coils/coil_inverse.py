@@ -113,21 +113,17 @@ class RowCurrents(AlongRow, kind="coil-inverse"):
     if no start is solved.
     """
 
-    pictures: ClassVar = {"row_currents": "wormopt.systems.coils.pictures:row_currents"}
+    pictures: ClassVar = {"row_currents": "*H*² over the phase of the wave, and the currents"}
     headline: ClassVar = (
         "field_residual", "field_residual_mean", "field_residual_program", "ripple", "H0",
     )  # fmt: skip
 
-    want: tuple[Literal["row_currents"], ...] = entry(
-        "`row_currents`: *H*² over the phase of the wave, and the currents", default=()
-    )
     film: ThinFilm = entry("the fluid")
     wave: Wave = entry("wanted wave of its surface")
     limits: CurrentLimits = entry("limits of the currents", default=CurrentLimits)
     search: CurrentSearch = entry("resolution and starting points", default=CurrentSearch)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         if self.wave.wavelength < 2 * self.coils.pitch:
             yield (

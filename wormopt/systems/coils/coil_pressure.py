@@ -135,11 +135,10 @@ class CoilPressure(SIStudy, kind="coil-pressure"):
     (of the slowest deviation; must be below 0), `demagnetisation`, and `warnings`.
     """
 
-    pictures: ClassVar = {"coil_pressure": "wormopt.systems.coils.pictures:coil_pressure"}
+    pictures: ClassVar = {
+        "coil_pressure": "figure 25 of Zimmermann et al.; no induction in the winding",
+    }
 
-    want: tuple[Literal["coil_pressure"], ...] = entry(
-        "`coil_pressure`: figure 25 of Zimmermann et al.; no induction in the winding", default=()
-    )
     fluid: MagneticFluid = entry("the fluid")
     layer: Tank = entry("the tank and its layer")
     coil: CoilOfTank = entry("the coil", default=CoilOfTank)
@@ -152,7 +151,6 @@ class CoilPressure(SIStudy, kind="coil-pressure"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         coil, layer = self.coil, self.layer
         if coil.side == "above" and coil.distance <= layer.thickness:

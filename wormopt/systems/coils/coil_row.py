@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault
 from wormopt.study import (
@@ -112,7 +112,6 @@ class AlongRow(SIStudy):
     line: Line = entry("line of the fluid")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from self.line.faults_in(self.coils)
 
@@ -172,17 +171,14 @@ class SwitchedRow(AlongRow, kind="coil-row"):
     1e-8 is accepted. `warnings` report a current density that copper cannot carry for long.
     """
 
-    pictures: ClassVar = {"travelling_field": "wormopt.systems.coils.pictures:travelling_field"}
-
-    want: tuple[Literal["travelling_field"], ...] = entry(
-        "`travelling_field`: map over place and time, snapshots, the field in the frame of "
+    pictures: ClassVar = {
+        "travelling_field": "map over place and time, snapshots, the field in the frame of "
         "the wave",
-        default=(),
-    )
+    }
+
     switching: Switching = entry("sequence of active coils")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from self.switching.faults_in(self.coils)
 

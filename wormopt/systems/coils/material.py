@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
@@ -158,11 +158,8 @@ class Material(SIStudy, kind="material"):
     of the largest field, `lame_ratio` *λ*/*η*, `largest_strain`. `warnings` complete the report.
     """
 
-    pictures: ClassVar = {"stress_strain": "wormopt.systems.coils.pictures:stress_strain"}
+    pictures: ClassVar = {"stress_strain": "figure 12 of Zimmermann et al. 2007 (WLLS)"}
 
-    want: tuple[Literal["stress_strain"], ...] = entry(
-        "`stress_strain`: figure 12 of Zimmermann et al. 2007 (WLLS)", default=()
-    )
     material: MaterialInField = entry("the material and the field")
     sample: Sample | None = entry(
         "a bar whose stiffness is computed; none if left out", default=None
@@ -175,7 +172,6 @@ class Material(SIStudy, kind="material"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         if self.strain is not None:
             yield from wrong_order("strain", self.strain, may_be_equal=False)

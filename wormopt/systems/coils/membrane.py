@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SolveError
 from wormopt.result import left_out
@@ -219,15 +219,12 @@ class MembraneThickness(SIStudy, kind="membrane"):
     exit code is 3 if no thickness meets all limits; the message gives the need of each limit.
     """
 
-    pictures: ClassVar = {"membrane": "wormopt.systems.coils.pictures:membrane"}
+    pictures: ClassVar = {"membrane": "strain over loss, and remaining pressure over thickness"}
     headline: ClassVar = (
         "thickness_best", "limited_by", "thickness_for_loss", "thickness_for_stress",
         "thickness_for_strain",
     )  # fmt: skip
 
-    want: tuple[Literal["membrane"], ...] = entry(
-        "`membrane`: strain over loss, and remaining pressure over thickness", default=()
-    )
     membrane: Tube = entry("the membrane", default=Tube)
     fluid: Filling = entry("the fluid")
     lifetime: float = positive("time", "required lifetime of the fluid")
@@ -245,7 +242,6 @@ class MembraneThickness(SIStudy, kind="membrane"):
     samples: int = whole(3, 1000, "number of points of the front", default=41)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from wrong_order("thickness", self.thickness, may_be_equal=False)
         if self.thickness[1] >= self.membrane.radius:

@@ -210,7 +210,6 @@ class OverCoils(SIStudy):
     gravity: float = positive("acceleration", "acceleration of gravity", default=9.80665)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from self.film.faults_in(self.coils)
         if self.cargo:

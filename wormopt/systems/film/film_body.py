@@ -152,22 +152,17 @@ class FilmBody(Study, kind="film-body"):
     """
 
     pictures: ClassVar = {
-        "carried": "wormopt.systems.film.pictures:carried",
-        "animation": "wormopt.systems.film.pictures:animation",
+        "carried": "the body in the wave, and its velocity",
+        "animation": "the body, as a moving GIF",
     }
     headline: ClassVar = ("drift", "drift_massless", "held", "settled", "speed_max")
 
-    want: tuple[Literal["carried", "animation"], ...] = entry(
-        "`carried`: the body in the wave, and its velocity; `animation`: the body, as a moving GIF",
-        default=(),
-    )
     film: Film = entry("film and wave")
     body: Body = entry("the body")
     time: Ride = entry("duration of the simulation", default=Ride)
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what does not fit between the tables."""
         yield from self.film.faults_in(self.units)
         fluid = self.film.fluid
         yield from self.body.faults_in(self.units, fluid.density if fluid else None)

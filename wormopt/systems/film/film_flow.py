@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
@@ -153,16 +153,14 @@ class FilmFlow(Study, kind="film-flow"):
     0.1 give a warning.
     """
 
-    pictures: ClassVar = {"film": "wormopt.systems.film.pictures:film"}
+    pictures: ClassVar = {
+        "film": "mean flow over amplitude (as figure 15 of Zimmermann et al. 2007), shape, "
+        "surface velocity, fields",
+    }
     headline: ClassVar = (
         "c_constant", "mean_flow", "mean_flow_corrected", "mean_flow_bar", "mean_flow_per_eps2",
     )  # fmt: skip
 
-    want: tuple[Literal["film"], ...] = entry(
-        "`film`: mean flow over amplitude (as figure 15 of Zimmermann et al. 2007), shape, "
-        "surface velocity, fields",
-        default=(),
-    )
     film: Film = entry("film and wave")
     curves: Curves = entry("cosine waves for comparison", default=Curves)
     samples: int = whole(2, 100000, "number of phases in the result", default=401)

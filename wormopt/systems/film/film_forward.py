@@ -286,9 +286,9 @@ class FilmForward(Study, kind="film-forward"):
     """
 
     pictures: ClassVar = {
-        "forward": "wormopt.systems.film.pictures:forward",
-        "basins": "wormopt.systems.film.pictures:basins",
-        "animation": "wormopt.systems.film.pictures:animation_of_film",
+        "forward": "thickness over phase and time, film, field, eigenvalues, branches",
+        "basins": "the map",
+        "animation": ("the film, as a moving GIF", "animation_of_film"),
     }
     refuses: ClassVar = {
         "film.eps": "has no effect, since lubrication theory neglects it; leave it out"
@@ -297,11 +297,6 @@ class FilmForward(Study, kind="film-forward"):
         "outcome", "distance_to_wave", "distance_to_steady", "growth_rate_max", "growth_rate_end",
     )  # fmt: skip
 
-    want: tuple[Literal["forward", "basins", "animation"], ...] = entry(
-        "`forward`: thickness over phase and time, film, field, eigenvalues, branches; "
-        "`basins`: the map; `animation`: the film, as a moving GIF",
-        default=(),
-    )
     film: Film = entry("prescribed wave, and surface tension above 0")
     field: Field | None = entry(
         "another field that replaces that of the prescribed wave", default=None
@@ -316,7 +311,6 @@ class FilmForward(Study, kind="film-forward"):
     map: FlatFilms | None = entry("flat films in many fields; default: none", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what does not fit between the tables."""
         yield from self.film.faults_in(self.units, needs_wave=self.field is None)
         yield from self._faults_of_tension()
         if self.field is not None:

@@ -137,7 +137,6 @@ class Aim(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield conflicts between the keys."""
         if (self.maximise is None) == (self.minimise is None):
             yield (
                 "",
@@ -284,16 +283,15 @@ class FilmWave(Study, kind="film-wave"):
     and the requirements. If one is violated, the status is `failed`.
     """
 
-    pictures: ClassVar = {"film_wave": "wormopt.systems.film.pictures:film_wave"}
+    pictures: ClassVar = {
+        "film_wave": "shape, field and surface velocity, and other films if swept",
+    }
     headline: ClassVar = (
         "mean_flow", "c_constant", "mean_flow_cosine", "cosine_delta", "mean_flow_supremum",
     )  # fmt: skip
 
     units: Literal["dimensionless"] = entry(
         "dimensionless, in the scales of eq. 25 of Zimmermann et al. 2007", default="dimensionless"
-    )
-    want: tuple[Literal["film_wave"], ...] = entry(
-        "`film_wave`: shape, field and surface velocity, and other films if swept", default=()
     )
     film: WavyFilm = entry("the film")
     limits: Limits = entry("limits of the wave")
@@ -306,7 +304,6 @@ class FilmWave(Study, kind="film-wave"):
     map: OtherFilms | None = entry("other films and fields", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what does not fit between the tables."""
         if self.objective.maximise and self.limits.field is None:
             yield "limits.field", "missing; write the largest range of the field"
         if self.objective.minimise and self.limits.field is not None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
@@ -234,9 +234,9 @@ class Float(Study, kind="float"):
     """
 
     pictures: ClassVar = {
-        "ride": "wormopt.systems.film.pictures:ride",
-        "floats": "wormopt.systems.film.pictures:floats",
-        "animation": "wormopt.systems.film.pictures:animation",
+        "ride": "paths over the wave",
+        "floats": "the floats on the wave, and the field (as figure 27 of Zimmermann et al. 2007)",
+        "animation": "the floats on the wave, as a moving GIF",
     }
     refuses: ClassVar = {"film.tension": "has no effect on floats; leave it out"}
     headline: ClassVar = (
@@ -244,11 +244,6 @@ class Float(Study, kind="float"):
         "float_drift_bar",
     )  # fmt: skip
 
-    want: tuple[Literal["floats", "ride", "animation"], ...] = entry(
-        "`floats`: the floats on the wave, and the field (as figure 27 of Zimmermann et al. "
-        "2007); `ride`: paths over the wave; `animation`: the first, as a moving GIF",
-        default=(),
-    )
     film: Film = entry("film and wave")
     floats: Floats = entry("bodies on the surface", default=Floats)
     tracers: Tracers | None = entry("tracers in the fluid", default=None)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
@@ -339,16 +339,11 @@ class GaitShift(Study, kind="gait-shift"):
     """
 
     pictures: ClassVar = {
-        "shift": "wormopt.systems.gears.pictures:shift",
-        "transitions": "wormopt.systems.gears.pictures:transitions",
+        "shift": "gear, loads with their limits and position over time",
+        "transitions": "speed and admissible loads of each gear",
     }
     headline: ClassVar = ("time", "best_time", "efficiency", "fixed_time", "shifts")
 
-    want: tuple[Literal["shift", "transitions"], ...] = entry(
-        "`shift`: gear, loads with their limits and position over time; `transitions`: speed "
-        "and admissible loads of each gear",
-        default=(),
-    )
     worm: ShiftedWorm = entry("the worm")
     gears: Annotated[
         tuple[GearTable, ...],
@@ -372,7 +367,6 @@ class GaitShift(Study, kind="gait-shift"):
         return per(self.worm.mass, self.worm.links + 1)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         yield from wrong_count("worm.mass", self.worm.mass, self.worm.links + 1, "masses")
         yield from self._faults_of_slope()
         for k, gear in enumerate(self.gears):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SolveError
 from wormopt.result import Check, Unchecked, left_out
@@ -114,7 +114,10 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
     above 0.1, where the law of the material is no longer valid.
     """
 
-    pictures: ClassVar = {"velocity": "wormopt.systems.pair.pictures:velocity"}
+    pictures: ClassVar = {
+        "velocity": "velocity over time (figure 13 of Zimmermann et al. 2007), and the last four "
+        "periods in detail; the average of second order begins where the swing reaches 4 *ε*",
+    }
     headline: ClassVar = (
         "velocity_steady",
         "velocity_steady_second",
@@ -123,12 +126,6 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
         "stable",
     )
 
-    want: tuple[Literal["velocity"], ...] = entry(
-        "`velocity`: velocity over time (figure 13 of Zimmermann et al. 2007), and the last "
-        "four periods in detail; the average of second order begins where the swing reaches 4 "
-        "*ε*",
-        default=(),
-    )
     detuning: float = number(
         "1", "detuning *Δ*: the field's frequency is √2 + *εΔ* natural frequencies √(*c*/*m*)"
     )

@@ -6,9 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
-
-from msgspec import Meta
+from typing import Any, ClassVar, Literal
 
 from wormopt.errors import Fault, SolveError
 from wormopt.quantities import Scalar, unit_of
@@ -33,9 +31,9 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.numerics import MeshTable
-from wormopt.study.types import NonNegative, PositiveOrPair, Seed, per, wrong_order
+from wormopt.study.types import Seed, per
 from wormopt.systems.chain import CoulombFriction, faults_of_law
-from wormopt.systems.pair.tables import NATURAL, Aim
+from wormopt.systems.pair.tables import Aim, Limits
 from wormopt.systems.shared.declared import INSTANT
 from wormopt.systems.shared.optimal_motion import OptimumNumbers, optimum_numbers
 
@@ -53,7 +51,6 @@ with on_use():
     from wormopt.systems.pair.waveform import (
         FADED,
         MOST_PERIODS,
-        FieldLimits,
         Harmonic,
         Proof,
         best_field,
@@ -78,11 +75,6 @@ with on_use():
     from wormopt.systems.shared.proof import CrossCheck
 
 _WIDE = 1.0  # strain above which the model of the link is not valid
-
-FieldRange = Annotated[
-    tuple[NonNegative, ...],
-    Meta(min_length=2, max_length=2, description="two numbers, 0 or above, [least, largest]"),
-]
 
 
 class DrivenPair(Given):
@@ -109,55 +101,6 @@ class DrivenPair(Given):
         """Make the dimensionless pair; without cosines the field is its input."""
         laws = [scaled_law(law_of(self.friction, mass), self.eps) for mass in range(2)]
         return magnetic_pair(law=laws, push=self.eps, frequency=frequency, cosines=cosines)
-
-
-class Limits(Given):
-    """Limits of the field.
-
-    Not allowed: frequencies that contain √2 or √2/*k* for a whole *k*, without `strain`. There the
-    field, or its *k*-th harmonic, makes the swing and the speed grow without bound. Exit code 3:
-    `strain` up to `eps` times the sum of the least field and the forward friction of mass 0, with
-    which the link cannot pull mass 0 forward.
-    """
-
-    field: FieldRange = entry(
-        "range of *G*, which is proportional to the square of the field strength", quantity="share"
-    )
-    frequency: PositiveOrPair = entry(
-        "frequency over √(*c*/*m*): a fixed value, or a range", quantity="angular_frequency"
-    )
-    slope: float | None = positive(
-        "1", "upper limit of |*G*′|; default: the field may jump", default=None
-    )
-    strain: float | None = positive(
-        "share",
-        "upper limit of |*x*<sub>2</sub> − *x*<sub>1</sub>| over the link's length",
-        default=None,
-    )
-
-    @property
-    def frequency_range(self) -> tuple[float, float]:
-        """Least and largest frequency."""
-        least, most = per(self.frequency, 2)
-        return least, most
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield ranges whose bounds are in the wrong order, and those with an unbounded swing."""
-        yield from wrong_order("field", self.field, may_be_equal=False)
-        wrong = list(wrong_order("frequency", self.frequency_range, may_be_equal=True))
-        yield from wrong
-        least, most = self.frequency_range
-        order = math.ceil(NATURAL / most * (1 - 1e-12))
-        if wrong or self.strain is not None or order * least > NATURAL * (1 + 1e-12):
-            return
-        named = "sqrt(2)" if order == 1 else f"sqrt(2) / {order}"
-        which = "the field" if order == 1 else f"harmonic {order} of the field"
-        yield (
-            "strain",
-            f"missing; limits.frequency contains the resonance {named} = {NATURAL / order:.6g}, "
-            f"where {which} makes the swing and the speed grow without bound: write the largest "
-            "strain, for example 0.8, or frequencies on one side",
-        )
 
 
 class Search(Given):
@@ -268,29 +211,20 @@ class PairWaveform(Study, kind="pair-waveform"):
     periodic=True)` moves the pair with it.
     """
 
-    pictures: ClassVar = {"waveform": "wormopt.systems.pair.pictures:waveform"}
+    pictures: ClassVar = {
+        "waveform": "field, stretch and velocities over a period; the harmonic field, scaled to "
+        "the same period, is shifted so its crest is that of the first harmonic",
+    }
     headline: ClassVar = ("speed", "speed_simulated", "speed_harmonic", "gain", "frequency")
 
     units: Literal["dimensionless"] = entry(
         "lengths over that of the link, times over √(*m*/*c*)", default="dimensionless"
-    )
-    want: tuple[Literal["waveform"], ...] = entry(
-        "`waveform`: field, stretch and velocities over a period; the harmonic field, scaled "
-        "to the same period, is shifted so its crest is that of the first harmonic",
-        default=(),
     )
     pair: DrivenPair = entry("the pair")
     limits: Limits = entry("limits of the field")
     objective: Aim = entry("objective of the waveform")
     mesh: MeshTable = entry("mesh in time", default=MeshTable(arcs=100))
     search: Search = entry("starting points of the search", default=Search)
-
-    @cached_property
-    def bounds(self) -> FieldLimits:
-        """Limits of the waveform."""
-        low, high = self.limits.field
-        given = self.limits
-        return FieldLimits((low, high), given.frequency_range, given.slope, given.strain)
 
     @cached_property
     def free(self) -> Model:
@@ -303,26 +237,26 @@ class PairWaveform(Study, kind="pair-waveform"):
     def harmonic_field(self) -> Harmonic:
         law = law_of(self.pair.friction, 0)
         assert isinstance(law, Coulomb)
-        check_strain(self.bounds, self.pair.eps, float(law.forward))
-        return best_harmonic(self.driven, self.bounds, self.objective, self.report)
+        check_strain(self.limits, self.pair.eps, float(law.forward))
+        return best_harmonic(self.driven, self.limits, self.objective, self.report)
 
     @property
     def driven(self) -> Model:
         """The pair in a harmonic field."""
-        return self.pair.model(self.bounds.frequency[0], (1.0, 1.0))
+        return self.pair.model(self.limits.frequencies[0], (1.0, 1.0))
 
     @stage
     def start(self) -> tuple[Harmonic, list[Guess]]:
-        first = first_field(self.driven, self.bounds, self.harmonic_field, self.report)
+        first = first_field(self.driven, self.limits, self.harmonic_field, self.report)
         starts, seed = self.search.starts, self.search.seed
-        found = guesses(self.free, self.bounds, first, self.pair.eps, starts=starts, seed=seed)
+        found = guesses(self.free, self.limits, first, self.pair.eps, starts=starts, seed=seed)
         return first, found
 
     @stage
     def optimum(self) -> tuple[dict[str, Optimum], tuple[float, ...]]:
         first, starts = self.start
         mesh = Mesh.even(1, self.mesh.arcs, Collocation(self.mesh.degree, self.mesh.scheme))
-        problem = waveform_problem(scaled(self.free, first), self.bounds, self.objective)
+        problem = waveform_problem(scaled(self.free, first), self.limits, self.objective)
         try:
             return best_field(problem, mesh, starts, self.mesh.tolerance, self.report)
         except SolveError as error:  # its partial result is no optimum

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
@@ -111,12 +111,9 @@ class Resonance(PairStudy, kind="resonance"):
     steady motion have no state. Theory: [theory-magnetics.md](../theory-magnetics.md#2-the-pair).
     """
 
-    pictures: ClassVar = {"resonance": "wormopt.systems.pair.pictures:resonance"}
+    pictures: ClassVar = {"resonance": "velocity and amplitude over the detuning"}
     headline: ClassVar = ("velocity_largest", "steady_motions", "stable", "delta_fold", "confirmed")
 
-    want: tuple[Literal["resonance"], ...] = entry(
-        "`resonance`: velocity and amplitude over the detuning", default=()
-    )
     frequencies: Frequencies = entry("range of frequencies", default=Frequencies)
     confirm: Confirm | None = entry("exact motions for comparison", default=None)
 

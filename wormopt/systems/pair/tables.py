@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.study import Given, entry, number, positive
-from wormopt.study.types import Finite, per
+from wormopt.study.types import Finite, NonNegative, PositiveOrPair, per, wrong_order
 from wormopt.systems.chain import Friction, SpikeFriction, ViscousFriction, faults_of_law
 
 NATURAL = math.sqrt(2)
@@ -22,6 +22,12 @@ LOWEST = 0.1
 Cosines = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=13, description="2 to 13 finite numbers, the mean first"),
+]
+
+
+FieldRange = Annotated[
+    tuple[NonNegative, ...],
+    Meta(min_length=2, max_length=2, description="two numbers, 0 or above, [least, largest]"),
 ]
 
 
@@ -130,6 +136,61 @@ class PairTable(Given):
             )
 
 
+class Limits(Given):
+    """Limits of the field.
+
+    Not allowed: frequencies that contain √2 or √2/*k* for a whole *k*, without `strain`. There the
+    field, or its *k*-th harmonic, makes the swing and the speed grow without bound. Exit code 3:
+    `strain` up to `eps` times the sum of the least field and the forward friction of mass 0, with
+    which the link cannot pull mass 0 forward.
+    """
+
+    field: FieldRange = entry(
+        "range of *G*, which is proportional to the square of the field strength", quantity="share"
+    )
+    frequency: PositiveOrPair = entry(
+        "frequency over √(*c*/*m*): a fixed value, or a range", quantity="angular_frequency"
+    )
+    slope: float | None = positive(
+        "1", "upper limit of |*G*′|; default: the field may jump", default=None
+    )
+    strain: float | None = positive(
+        "share",
+        "upper limit of |*x*<sub>2</sub> − *x*<sub>1</sub>| over the link's length",
+        default=None,
+    )
+
+    @property
+    def frequencies(self) -> tuple[float, float]:
+        """Least and largest frequency."""
+        least, most = per(self.frequency, 2)
+        return least, most
+
+    @property
+    def period(self) -> tuple[float, float]:
+        """Shortest and longest period."""
+        least, most = self.frequencies
+        return 2 * math.pi / most, 2 * math.pi / least
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield ranges whose bounds are in the wrong order, and those with an unbounded swing."""
+        yield from wrong_order("field", self.field, may_be_equal=False)
+        wrong = list(wrong_order("frequency", self.frequencies, may_be_equal=True))
+        yield from wrong
+        least, most = self.frequencies
+        order = math.ceil(NATURAL / most * (1 - 1e-12))
+        if wrong or self.strain is not None or order * least > NATURAL * (1 + 1e-12):
+            return
+        named = "sqrt(2)" if order == 1 else f"sqrt(2) / {order}"
+        which = "the field" if order == 1 else f"harmonic {order} of the field"
+        yield (
+            "strain",
+            f"missing; limits.frequency contains the resonance {named} = {NATURAL / order:.6g}, "
+            f"where {which} makes the swing and the speed grow without bound: write the largest "
+            "strain, for example 0.8, or frequencies on one side",
+        )
+
+
 class Aim(Given):
     """Objective of the waveform: exactly one of `maximise` and `minimise`."""
 
@@ -140,7 +201,6 @@ class Aim(Given):
     speed: float | None = positive("speed", "lower limit of the mean speed", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield conflicts between the keys."""
         if (self.maximise is None) == (self.minimise is None):
             what = "no objective is given" if self.maximise is None else "two objectives are given"
             yield "", f'{what}; write maximise = "speed" or minimise = "work_per_distance"'

@@ -29,7 +29,7 @@ from wormopt.progress import Report
 from wormopt.simulation.options import Exact
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.pair.tables import Aim
+from wormopt.systems.pair.tables import Aim, Limits
 
 FADED = 0.5
 """Largest share of a small push that may remain."""
@@ -51,31 +51,6 @@ _LOST = 3.0
 _TRIALS, _MET, _SOON = 14, 1e-6, 1e-8
 # Number of frequencies, then number of refinements and frequencies in each.
 _FREQUENCIES, _ROUNDS, _NEARER = 9, 4, 4
-
-
-@dataclass(frozen=True)
-class FieldLimits:
-    """Limits of a waveform."""
-
-    field: tuple[float, float]  # least and largest G
-    frequency: tuple[float, float]  # least and largest angular frequency; alike where given
-    slope: float | None = None  # largest |G'|; None: the field may jump
-    strain: float | None = None  # largest |x_2 - x_1|
-
-    def __post_init__(self) -> None:
-        if not self.field[0] < self.field[1]:
-            raise ArgumentError(f"field must be a range [least, largest], not {self.field}")
-        if not 0 < self.frequency[0] <= self.frequency[1]:
-            raise ArgumentError(f"frequency must be a positive range, not {self.frequency}")
-        for name in ("slope", "strain"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ArgumentError(f"{name} must be positive, not {value!r}")
-
-    @property
-    def period(self) -> tuple[float, float]:
-        """Shortest and longest period."""
-        return 2 * math.pi / self.frequency[1], 2 * math.pi / self.frequency[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,14 +194,14 @@ def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> f
     return least
 
 
-def best_harmonic(pair: Model, limits: FieldLimits, aim: Aim, report: Report) -> Harmonic:
+def best_harmonic(pair: Model, limits: Limits, aim: Aim, report: Report) -> Harmonic:
     """Find the best harmonic field within the limits of a waveform.
 
     Mean: the middle of the range; amplitude: the largest allowed, or the smallest with the required
     speed; frequency: the best. Not ``kept``, with amplitude 0, if the mean alone, applied at rest,
     exceeds the strain.
     """
-    least, most = limits.frequency
+    least, most = limits.frequencies
     grid = np.linspace(least, most, 1 if least == most else _FREQUENCIES)
     found = [_at(pair, limits, aim, float(nu)) for nu in grid]
     if least < most:
@@ -243,7 +218,7 @@ def best_harmonic(pair: Model, limits: FieldLimits, aim: Aim, report: Report) ->
     return replace(best, orbit=replace(last, periods=last.periods + best.orbit.periods))
 
 
-def _at(pair: Model, limits: FieldLimits, aim: Aim, frequency: float) -> Harmonic:
+def _at(pair: Model, limits: Limits, aim: Aim, frequency: float) -> Harmonic:
     """The best amplitude at one frequency."""
     low, high = limits.field
     mean, whole = (low + high) / 2, (high - low) / 2
@@ -330,7 +305,7 @@ _TOPS, _OTHERS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 4
 # -- the problem -----------------------------------------------------------------------------------
 
 
-def waveform_problem(pair: Model, limits: FieldLimits, aim: Aim) -> Problem:
+def waveform_problem(pair: Model, limits: Limits, aim: Aim) -> Problem:
     """State the periodic motion of a pair in the best field, with mass 0 at 0 at the start.
 
     Velocities repeat, positions repeat up to the advance. Net work of the field: friction's loss.
@@ -362,7 +337,7 @@ def waveform_problem(pair: Model, limits: FieldLimits, aim: Aim) -> Problem:
     )
 
 
-def _limited(pair: Model, limits: FieldLimits) -> Model:
+def _limited(pair: Model, limits: Limits) -> Model:
     """Pair whose field keeps to its limits, including its slope."""
     if [signal.name for signal in pair.u] != ["field"]:
         raise ArgumentError(f"{pair.name} has no input field; build it with cosines=None")
@@ -426,7 +401,7 @@ def first_harmonic(field: Gait) -> tuple[float, float]:
 # -- where to start --------------------------------------------------------------------------------
 
 
-def check_strain(limits: FieldLimits, push: float, forward: float) -> None:
+def check_strain(limits: Limits, push: float, forward: float) -> None:
     """Refuse a strain at which the link cannot pull mass 0, of friction `forward`, forward.
 
     The pull must exceed the friction of mass 0 plus the field that pushes it back, since otherwise
@@ -441,21 +416,19 @@ def check_strain(limits: FieldLimits, push: float, forward: float) -> None:
         )
 
 
-def first_field(given: Model, limits: FieldLimits, harmonic: Harmonic, report: Report) -> Harmonic:
+def first_field(given: Model, limits: Limits, harmonic: Harmonic, report: Report) -> Harmonic:
     """The harmonic field, or a lower one if the strain leaves none that moves the pair."""
     if limits.strain is None or (harmonic.kept and harmonic.orbit.moves):
         return harmonic
     (low, high), nu = limits.field, harmonic.frequency
-    lower = [
-        replace(limits, field=(low, low + top * (high - low)), frequency=(nu, nu)) for top in _TOPS
-    ]
+    lower = [limits.vary(field=(low, low + top * (high - low)), frequency=nu) for top in _TOPS]
     found = [best_harmonic(given, part, Aim(maximise="speed"), report) for part in lower]
     kept = [lowered for lowered in found if lowered.kept]
     return max(kept, key=lambda lowered: lowered.orbit.speed, default=harmonic)
 
 
 def guesses(
-    free: Model, limits: FieldLimits, first: Harmonic, push: float, *, starts: int, seed: int
+    free: Model, limits: Limits, first: Harmonic, push: float, *, starts: int, seed: int
 ) -> list[Guess]:
     """The periodic motion in a harmonic field, then those in random fields.
 
@@ -485,7 +458,7 @@ def _guess(orbit: Orbit, course: Gait, *, steep: bool) -> Guess:
     return Guess(course.period, states, lambda t: course(t, int(steep)))
 
 
-def _rests(limits: FieldLimits, first: Harmonic, push: float) -> SolveError:
+def _rests(limits: Limits, first: Harmonic, push: float) -> SolveError:
     """Reason why the pair rests: the strain, if it limits the harmonic field, or friction."""
     (low, high), strain = limits.field, limits.strain
     whole = min((high - low) / 2, (limits.slope or math.inf) / first.frequency)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
@@ -176,23 +176,17 @@ class PeristalticDesign(Study, kind="peristaltic-design"):
     """
 
     pictures: ClassVar = {
-        "peristalsis": "wormopt.systems.peristaltic.pictures:peristalsis",
-        "animation": "wormopt.systems.peristaltic.pictures:animation_of_anchors",
+        "peristalsis": "the body in its tube over a cycle, and its advance with the ceiling",
+        "animation": ("the moving body", "animation_of_anchors"),
     }
     headline: ClassVar = ("speed", "advance", "period", "ceiling", "bound")
 
-    want: tuple[Literal["peristalsis", "animation"], ...] = entry(
-        "`peristalsis`: the body in its tube over a cycle, and its advance with the "
-        "ceiling; `animation`: the moving body",
-        default=(),
-    )
     worm: Worm = entry("the worm")
     pipe: Tube = entry("the tube")
     limits: Limits = entry("limits of the gait")
     search: OrderSearch = entry("options of the search", default=OrderSearch)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         worm, room = self.worm, self.pipe.radius - self.worm.radius
         if room <= 0:
             yield (

@@ -185,17 +185,12 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     """
 
     pictures: ClassVar = {
-        "drag_gait": "wormopt.systems.peristaltic.pictures:drag_gait",
-        "body": "wormopt.systems.peristaltic.pictures:body",
-        "animation": "wormopt.systems.peristaltic.pictures:animation",
+        "drag_gait": "velocity and lengths, with the best small gait dashed",
+        "body": "the worm over a period, from top to bottom",
+        "animation": "the moving worm",
     }
     headline: ClassVar = ("distance", "distance_small", "wave_step", "segments_per_wave")
 
-    want: tuple[Literal["drag_gait", "body", "animation"], ...] = entry(
-        "`drag_gait`: velocity and lengths, with the best small gait dashed; `body`: the worm "
-        "over a period, from top to bottom; `animation`: the moving worm",
-        default=(),
-    )
     worm: Worm = entry("the worm")
     drag: Drag = entry("drag law of the ground")
     period: float = positive("time", "period", default=1.0)
@@ -208,7 +203,6 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from self.limits.faults_in(self.worm.length)
         if self.limits.keeps_length and self.worm.segments < 3:
             yield (
@@ -255,7 +249,6 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
 
     @property
     def defect(self) -> float:
-        """Requested local error of an arc."""
         return self.mesh.tolerance
 
     @stage

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
 from wormopt.quantities import GRAVITY
@@ -259,14 +259,11 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     """
 
     pictures: ClassVar = {
-        name: f"wormopt.systems.peristaltic.pictures:{name}" for name in ("segment", "stroke")
+        "segment": "shapes in coil and tube",
+        "stroke": "stroke over pressure, and the forces",
     }
     headline: ClassVar = ("stroke", "stroke_loaded", "swelling", "moves", "normal_force")
 
-    want: tuple[Literal["segment", "stroke"], ...] = entry(
-        "`segment`: shapes in coil and tube; `stroke`: stroke over pressure, and the forces",
-        default=(),
-    )
     segment: SegmentTable = entry("the segment")
     coil: IdealCoil = entry("the coil")
     fluid: Fluid = entry("the fluid", default=Fluid)
@@ -283,7 +280,6 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
     gravity: float = positive("acceleration", "acceleration of gravity", default=GRAVITY)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         yield from wrong_order("stretches", self.stretches, may_be_equal=False)
         segment, tube, winding = self.segment, self.pipe, self.winding

@@ -254,17 +254,12 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     """
 
     pictures: ClassVar = {
-        "switching": "wormopt.systems.peristaltic.pictures:switching",
-        "body": "wormopt.systems.peristaltic.pictures:body",
-        "animation": "wormopt.systems.peristaltic.pictures:animation",
+        "switching": "coils, lengths and velocity over a period",
+        "body": "the worm over a period, from top to bottom",
+        "animation": "the moving worm",
     }
     headline: ClassVar = ("speed", "energy_per_distance", "time", "on_time", "on_start")
 
-    want: tuple[Literal["switching", "body", "animation"], ...] = entry(
-        "`switching`: coils, lengths and velocity over a period; `body`: the worm over a "
-        "period, from top to bottom; `animation`: the moving worm",
-        default=(),
-    )
     worm: Worm = entry("the worm")
     ground: DragGround | TubeGround = entry('the ground, with `kind = "drag"` or `kind = "tube"`')
     limits: Limits = entry("limits of the switching times")
@@ -276,7 +271,6 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from self.ground.faults_in(self.worm)
         yield from self.limits.faults_in(self.worm)
 
@@ -336,7 +330,6 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
 
     @property
     def defect(self) -> float:
-        """Requested local error of an arc."""
         return self.mesh.tolerance
 
     # -- the motion --------------------------------------------------------------------------------

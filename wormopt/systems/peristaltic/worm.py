@@ -142,7 +142,6 @@ class SwitchedWave(Wave, tag="switched"):
     step: float = positive("time", "time until the block moves by one segment")
 
     def currents(self, segments: int, size: float) -> Gait:
-        """Return the currents of one cycle, of a size where a coil is on."""
         return switched_wave(
             segments, self.on, step=self.step, size=size, retrograde=self.retrograde
         )
@@ -285,17 +284,12 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
     """
 
     pictures: ClassVar = {
-        "worm": "wormopt.systems.peristaltic.pictures:worm",
-        "course": "wormopt.systems.peristaltic.pictures:course",
-        "animation": "wormopt.systems.peristaltic.pictures:animation_of_worm",
+        "worm": "the body over the last cycle",
+        "course": "positions and energies over time",
+        "animation": ("the moving body, as a GIF", "animation_of_worm"),
     }
     headline: ClassVar = ("advance", "advance_share", "speed", "against_wave", "slip")
 
-    want: tuple[Literal["worm", "course", "animation"], ...] = entry(
-        "`worm`: the body over the last cycle; `course`: positions and energies over time; "
-        "`animation`: the moving body, as a GIF",
-        default=(),
-    )
     worm: Worm = entry("the worm")
     coils: Coils = entry("the coils")
     wave: SwitchedWave | HarmonicWave = entry("switching of the coils over time")
@@ -308,7 +302,6 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
     time: Duration = entry("duration and accuracy", default=Duration)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
         worm, wave, ground = self.worm, self.wave, self.ground
         if isinstance(wave, SwitchedWave) and wave.on >= worm.segments:

@@ -109,7 +109,9 @@ class PlanarBlock(Study, kind="planar-block"):
     `failed` if the two routes disagree or energy is not balanced.
     """
 
-    pictures: ClassVar = {"block": "wormopt.systems.planar.pictures:block"}
+    pictures: ClassVar = {
+        "block": "path with the velocity, its components over time, and the friction ellipse",
+    }
 
     block: Block = entry("the block")
     ground: EllipticGround | UnitGround = entry("ground under the block")

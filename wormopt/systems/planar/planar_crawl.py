@@ -81,9 +81,13 @@ class PlanarCrawl(Crawling, kind="planar-crawl"):
     """
 
     pictures: ClassVar = {
-        "crawl": "wormopt.systems.planar.pictures:crawl",
-        "forces": "wormopt.systems.planar.pictures:crawl_forces",
-        "animation": "wormopt.systems.planar.pictures:animation",
+        "crawl": "the body at equal times of its strokes, with its mean place; resting masses "
+        "are filled",
+        "forces": (
+            "forces of the ground, loads of the actuators and resting masses over a stroke",
+            "crawl_forces",
+        ),
+        "animation": "the moving body, as a GIF",
     }
     headline: ClassVar = ("distance", "turn", "work", "speed", "stages")
 

@@ -150,8 +150,9 @@ class PlanarGaitDesign(Study, kind="planar-design"):
     """
 
     pictures: ClassVar = {
-        "planar_gait": "wormopt.systems.planar.pictures:planar_gait",
-        "animation": "wormopt.systems.planar.pictures:animation_of_gait",
+        "planar_gait": "the body at equal times of a cycle, resting masses, shape over time, "
+        "and the stroke",
+        "animation": ("the moving body, as a GIF", "animation_of_gait"),
     }
     headline: ClassVar = ("speed", "turn_rate", "work_per_distance", "duration")
 

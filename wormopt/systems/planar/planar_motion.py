@@ -353,9 +353,10 @@ class PlanarMotion(Study, kind="planar-motion"):
     """
 
     pictures: ClassVar = {
-        "plane": "wormopt.systems.planar.pictures:plane",
-        "forces": "wormopt.systems.planar.pictures:motion_forces",
-        "animation": "wormopt.systems.planar.pictures:animation",
+        "plane": "the body at equal times, with the path of its centre of mass; resting masses "
+        "are filled",
+        "forces": ("forces of ground and actuators over time, and works", "motion_forces"),
+        "animation": "the moving body, as a GIF",
     }
     headline: ClassVar = ("distance", "turn", "actuator_work", "n_events")
 

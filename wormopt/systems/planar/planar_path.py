@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
-from msgspec import Meta, to_builtins
+from msgspec import Meta, structs, to_builtins
 
 from wormopt.errors import Fault, SceneError, SolveError
 from wormopt.result import Check
@@ -30,8 +30,7 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import Finite, Positive, per
-from wormopt.systems.planar.obstacles import Block, Capsule, Disc, Place, Wall
-from wormopt.systems.planar.path.task import Corridor, Tolerance
+from wormopt.systems.planar.path.task import Obstacles, PathTask, Route, Tolerance
 from wormopt.systems.planar.tables import Body, DryGround
 
 with on_use():
@@ -41,13 +40,9 @@ with on_use():
     from wormopt.systems.planar.path.plan import PlannedPath, plan_path
     from wormopt.systems.planar.path.simulate import Course, least_distance, simulate_path
     from wormopt.systems.planar.path.steps import Family, GaitStep, Library, gait_family
-    from wormopt.systems.planar.path.task import PathTask, wrapped
+    from wormopt.systems.planar.path.task import wrapped
     from wormopt.systems.planar.poses import rotate
 
-Pose = Annotated[
-    tuple[Finite, ...],
-    Meta(min_length=3, max_length=3, description="[x, y, angle], three finite numbers"),
-]
 Mass = Annotated[int, Meta(ge=0, le=200, description="a mass, a whole number, 0 or above")]
 Name = Annotated[str, Meta(min_length=1, max_length=40, description="a short name in quotes")]
 
@@ -142,20 +137,6 @@ class Gait(Given):
                 return
 
 
-class Route(Given):
-    """Start, goal and limits of the path."""
-
-    start: Pose = entry("initial pose of the head: x, y, and angle of the first link")
-    goal: Pose = entry("pose to reach; the angle is modulo 2π")
-    tolerance: Tolerance = entry("accepted distance of the end from the goal")
-    via: tuple[Place, ...] = entry(
-        "places that the head must pass, in this order", quantity="length", default=()
-    )
-    via_radius: float = positive("length", "accepted distance from these places", default=0.2)
-    corridor: Corridor | None = entry("strip that no mass may leave", default=None)
-    clearance: float = number("length", "least distance from obstacles", least=0, default=0.0)
-
-
 class Search(Given):
     """Options of the search."""
 
@@ -230,8 +211,9 @@ class PlanarPath(Study, kind="planar-path"):
     """
 
     pictures: ClassVar = {
-        "path": "wormopt.systems.planar.pictures:path",
-        "animation": "wormopt.systems.planar.pictures:animation_of_path",
+        "path": "the body between steps, the area it sweeps, path of the head, obstacles, and "
+        "the goal",
+        "animation": ("the moving body, as a GIF", "animation_of_path"),
     }
 
     body: Body = entry("the worm")
@@ -247,9 +229,7 @@ class PlanarPath(Study, kind="planar-path"):
     gaits: Annotated[
         tuple[Gait, ...], Meta(min_length=1, max_length=50, description="one gait or more")
     ] = entry("library of gaits")
-    obstacles: tuple[Disc | Block | Capsule | Wall, ...] = entry(
-        "obstacles that the body may not touch", default=()
-    )
+    obstacles: Obstacles = entry("obstacles that the body may not touch", default=())
     route: Route = entry("start, goal and limits of the path")
     search: Search = entry("options of the search", default=Search)
 
@@ -305,18 +285,8 @@ class PlanarPath(Study, kind="planar-path"):
 
     @property
     def task(self) -> PathTask:
-        """Start, goal and limits of the path."""
-        route = self.route
-        return PathTask(
-            np.array(route.start),
-            np.array(route.goal),
-            route.tolerance,
-            self.obstacles,
-            route.clearance,
-            [(x, y) for x, y in route.via],
-            route.via_radius,
-            route.corridor,
-        )
+        """Start, goal, obstacles and limits of the path."""
+        return PathTask.of_checked(structs.asdict(self.route) | {"obstacles": self.obstacles})
 
     @stage
     def plan(self) -> PlannedPath:

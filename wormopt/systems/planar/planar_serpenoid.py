@@ -51,7 +51,10 @@ class PlanarSerpenoid(Study, kind="planar-serpenoid"):
     [theory](../theory-planar.md#6-serpenoid-waves).
     """
 
-    pictures: ClassVar = {"serpenoid": "wormopt.systems.planar.pictures:serpenoid"}
+    pictures: ClassVar = {
+        "serpenoid": "speed over amplitude, with the best one and that of the scene, and the "
+        "best wave",
+    }
     headline: ClassVar = ("speed", "speed_over_wave", "amplitude_best", "speed_best")
 
     amplitude: float = number("angle", "amplitude *α* of the tangent angle", above=0, most=2.4)

@@ -115,9 +115,9 @@ class PlanarSwim(Study, kind="planar-swim"):
     """
 
     pictures: ClassVar = {
-        "swim": "wormopt.systems.planar.pictures:swim",
-        "heights": "wormopt.systems.planar.pictures:heights",
-        "animation": "wormopt.systems.planar.pictures:animation_of_stroke",
+        "swim": "the body at equal times of a stroke, the path of its centre, and shape over time",
+        "heights": "height functions over both shape variables, with the stroke",
+        "animation": ("the moving body, as a GIF", "animation_of_stroke"),
     }
     headline: ClassVar = ("distance", "turn", "efficiency", "action")
 

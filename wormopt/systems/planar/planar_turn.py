@@ -222,10 +222,14 @@ class PlanarTurn(Crawling, kind="planar-turn"):
     """
 
     pictures: ClassVar = {
-        "crawl": "wormopt.systems.planar.pictures:crawl",
-        "turning": "wormopt.systems.planar.pictures:turning",
-        "forces": "wormopt.systems.planar.pictures:crawl_forces",
-        "animation": "wormopt.systems.planar.pictures:animation",
+        "crawl": "the body at equal times of its strokes, with its mean place; resting masses "
+        "are filled",
+        "turning": "heading and its bound over time, resting masses, and the friction they need",
+        "forces": (
+            "forces of the ground, loads of the actuators and resting masses over a stroke",
+            "crawl_forces",
+        ),
+        "animation": "the moving body, as a GIF",
     }
     headline: ClassVar = ("heading_rate", "heading_rate_bound", "gap", "turn", "work")
 

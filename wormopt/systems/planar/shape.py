@@ -28,21 +28,6 @@ Heading = Literal["bisector", "front", "rear"]
 class Shape:
     """Points and headings of a body by its shape variables.
 
-    Parameters
-    ----------
-    s : casadi.SX
-        Column of the shape variables: lengths, angles, or none for a rigid body.
-    names : tuple of str
-        Names of the shape variables.
-    points : casadi.SX, shape (2, m)
-        Places of the points in the frame of the body, in units of length.
-    headings : casadi.SX, shape (m, 1)
-        Headings of the points relative to the body's heading, in rad.
-    rates : casadi.SX
-        Column of symbols of the time derivatives of ``s``.
-    twist : casadi.SX
-        Three symbols: velocity of the frame, in the frame, and its angular velocity.
-
     Examples
     --------
     >>> chain_shape(2).names
@@ -51,12 +36,12 @@ class Shape:
     SX([-1, 0])
     """
 
-    s: ca.SX
-    names: tuple[str, ...]
-    points: ca.SX
-    headings: ca.SX
-    rates: ca.SX
-    twist: ca.SX
+    s: ca.SX  # column of the shape variables: lengths, angles, or none for a rigid body
+    names: tuple[str, ...]  # names of the shape variables
+    points: ca.SX  # (2, m) places of the points in the frame of the body, in units of length
+    headings: ca.SX  # (m, 1) headings of the points relative to the body's heading, in rad
+    rates: ca.SX  # column of symbols of the time derivatives of ``s``
+    twist: ca.SX  # three symbols: velocity of the frame, in the frame, and its angular velocity
 
     @property
     def n_points(self) -> int:
@@ -212,15 +197,25 @@ class Stroke(Protocol):
         ...
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Return shapes (m, n_s) at phases (m,), and their derivatives by the phase.
+        """Return shapes and their derivatives at phases.
 
         At a break the derivative is the right one, at 1 the left one.
+
+        Parameters
+        ----------
+        tau : array_like, shape (m,)
+            Phases from 0 to 1.
+
+        Returns
+        -------
+        s, ds : ndarray, shape (m, n_s)
+            Shapes, and their derivatives by the phase.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class Harmonics:
+class Harmonics(Stroke):
     """A stroke of harmonic shape variables.
 
     s(tau) = mean + sum over h of cosine_h cos(2 pi h tau) + sine_h sin(2 pi h tau), h = 1, 2, ...
@@ -260,7 +255,6 @@ class Harmonics:
 
     @property
     def n_s(self) -> int:
-        """Number of shape variables."""
         return len(self.mean)
 
     @property
@@ -269,18 +263,6 @@ class Harmonics:
         return np.array([0.0, 1.0])
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Return shapes and their derivatives at phases.
-
-        Parameters
-        ----------
-        tau : array_like, shape (m,)
-            Phases.
-
-        Returns
-        -------
-        s, ds : ndarray, shape (m, n_s)
-            Shapes, and their derivatives by the phase.
-        """
         orders = 2 * np.pi * np.arange(1, len(self.cosine) + 1)
         angle = np.atleast_1d(np.asarray(tau, dtype=float))[:, None] * orders
         c, s = np.cos(angle), np.sin(angle)
@@ -289,7 +271,7 @@ class Harmonics:
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon:
+class Polygon(Stroke):
     """A stroke that is linear from corner to corner, with equal durations of all sides.
 
     Parameters
@@ -319,7 +301,6 @@ class Polygon:
 
     @property
     def n_s(self) -> int:
-        """Number of shape variables."""
         return int(self.corners.shape[1])
 
     @property
@@ -328,18 +309,6 @@ class Polygon:
         return np.linspace(0.0, 1.0, len(self.corners) + 1)
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Return shapes and their derivatives at phases.
-
-        Parameters
-        ----------
-        tau : array_like, shape (m,)
-            Phases from 0 to 1.
-
-        Returns
-        -------
-        s, ds : ndarray, shape (m, n_s)
-            Shapes, and their derivatives by the phase.
-        """
         phase = np.atleast_1d(np.asarray(tau, dtype=float))
         m, closed = len(self.corners), np.vstack([self.corners, self.corners[:1]])
         side = np.clip(np.searchsorted(self.breaks, phase, side="right") - 1, 0, m - 1)

@@ -279,17 +279,12 @@ class PlannedExperiment(FromScene, kind="experiment"):
 
     headline: ClassVar = ("shrinkage", "shrinkage_median", "prediction_error")
     pictures: ClassVar = {
-        "course": "wormopt.systems.recorded.pictures:course",
-        "errors": "wormopt.systems.recorded.pictures:errors",
-        "regions": "wormopt.systems.recorded.pictures:regions",
+        "course": "inputs and motion",
+        "errors": "standard errors before and after, with those of random experiments",
+        "regions": "confidence ellipses of pairs of wanted parameters",
     }
     exports: ClassVar = {"course.csv": "wormopt.systems.recorded.experiment:as_csv"}
 
-    want: tuple[Literal["course", "errors", "regions"], ...] = entry(
-        "`course`: inputs and motion; `errors`: standard errors before and after, with those "
-        "of random experiments; `regions`: confidence ellipses of pairs of wanted parameters",
-        default=(),
-    )
     which: Which = ""
     known: str | None = entry(
         "folder of a result of kind `fit`, relative to the scene's folder; its estimates and "
@@ -317,7 +312,6 @@ class PlannedExperiment(FromScene, kind="experiment"):
     search: Search = entry("the search", default=Search)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         for key in ("unknown", "choose", "measured"):
             if not getattr(self, key):
                 yield key, f"no entry is given; write at least one in [{key}]"

@@ -126,23 +126,14 @@ class FitRecordings(FromScene, kind="fit"):
     """
 
     pictures: ClassVar = {
-        "recordings": "wormopt.systems.recorded.pictures:recordings",
-        "parameters": "wormopt.systems.recorded.pictures:parameters",
-        "correlation": "wormopt.systems.recorded.pictures:correlation",
-        "profiles": "wormopt.systems.recorded.pictures:profiles",
-        "prediction": "wormopt.systems.recorded.pictures:prediction",
+        "recordings": "data, fit and residuals",
+        "parameters": "estimates with intervals",
+        "correlation": "of the errors",
+        "profiles": "needs `profiles = true`",
+        "prediction": "held-out runs",
     }
     table_file = True
 
-    want: tuple[
-        Literal["recordings", "parameters", "correlation", "profiles", "prediction"],
-        ...,
-    ] = entry(
-        "`recordings`: data, fit and residuals; `parameters`: estimates with intervals; "
-        "`correlation`: of the errors; `profiles`: needs `profiles = true`; `prediction`: "
-        "held-out runs",
-        default=(),
-    )
     which: Which = ""
     recording: tuple[RecordingFile, ...] = entry("recorded runs of the worm")
     unknown: tuple[FitUnknown, ...] = entry("parameters to estimate")

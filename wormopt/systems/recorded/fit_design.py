@@ -149,18 +149,13 @@ class FitDesign(DesignTable, BelievedDesign, kind="fit-design"):
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "forces": "wormopt.systems.recorded.pictures:forces",
-        "loads": "wormopt.systems.recorded.pictures:loads",
-        "gait": "wormopt.systems.spiked.pictures:gait",
-        "motion": "wormopt.systems.spiked.pictures:motion",
-        "spikes": "wormopt.systems.spiked.pictures:spikes",
+        "forces": "readings, fit and residuals",
+        "loads": "load of a resting spike, worst case and on the plant",
+        "gait": ("as for kind `gait`", "wormopt.systems.spiked.pictures:gait"),
+        "motion": ("as for kind `gait`", "wormopt.systems.spiked.pictures:motion"),
+        "spikes": ("as for kind `gait`", "wormopt.systems.spiked.pictures:spikes"),
     }
 
-    want: tuple[Literal["forces", "loads", "gait", "motion", "spikes"], ...] = entry(
-        "`forces`: readings, fit and residuals; `loads`: load of a resting spike, worst case "
-        "and on the plant; `gait`, `motion`, `spikes`: as for kind `gait`",
-        default=(),
-    )
     recording: tuple[CrawlRecording, ...] = entry("recorded runs of the worm")
     fit: CrawlFit = entry("the fit", default=CrawlFit)
     objective: Objective = entry("the objective")

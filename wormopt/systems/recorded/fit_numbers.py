@@ -102,24 +102,18 @@ class FitNumbers(FromScene, kind="fit-numbers"):
     """
 
     pictures: ClassVar = {
-        "measurements": "wormopt.systems.recorded.pictures:measurements",
-        "parameters": "wormopt.systems.recorded.pictures:parameters",
-        "correlation": "wormopt.systems.recorded.pictures:correlation",
+        "measurements": "measured and computed values",
+        "parameters": "estimates with intervals",
+        "correlation": "of the errors",
     }
     table_file = True
 
-    want: tuple[Literal["measurements", "parameters", "correlation"], ...] = entry(
-        "`measurements`: measured and computed values; `parameters`: estimates with "
-        "intervals; `correlation`: of the errors",
-        default=(),
-    )
     measured: tuple[Measured, ...] = entry("measurements")
     unknown: tuple[KeyUnknown, ...] = entry("parameters to estimate")
     search: NumberSearch = entry("the search", default=NumberSearch)
     level: Level = entry("confidence of the intervals", quantity="share", default=0.95)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         for key in ("measured", "unknown"):
             if not getattr(self, key):
                 yield key, f"no entry is given; write a table [[{key}]]"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from msgspec import structs
 
@@ -125,16 +125,15 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "holding": "wormopt.systems.recorded.holding:holding",
-        "gait": "wormopt.systems.spiked.pictures:gait",
-        "motion": "wormopt.systems.spiked.pictures:motion",
+        "holding": (
+            "force of the ground on resting masses, and what is left until one slips, with its "
+            "worst case",
+            "wormopt.systems.recorded.holding:holding",
+        ),
+        "gait": ("as for kind `gait`", "wormopt.systems.spiked.pictures:gait"),
+        "motion": ("as for kind `gait`", "wormopt.systems.spiked.pictures:motion"),
     }
 
-    want: tuple[Literal["holding", "gait", "motion"], ...] = entry(
-        "`holding`: force of the ground on resting masses, and what is left until one slips, with "
-        "its worst case; `gait`, `motion`: as for kind `gait`",
-        default=(),
-    )
     fit: SceneTables = entry(
         "a scene of kind `fit`: `scene`, its file, with other keys that change it; or its tables"
     )

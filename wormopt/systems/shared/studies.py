@@ -18,7 +18,6 @@ class SIStudy(Study):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
         if self.units != "SI":
             yield "units", self.why_si
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SolveError
 from wormopt.result import Check
@@ -124,27 +124,20 @@ class GaitMotion(Study, kind="gait"):
 
     headline: ClassVar = ("speed", "period", "resting_min", "mode_sequence", "glides")
     pictures: ClassVar = {
-        "gait": "wormopt.systems.spiked.pictures:gait",
-        "motion": "wormopt.systems.spiked.pictures:motion",
-        "spikes": "wormopt.systems.spiked.pictures:spikes",
-        "region": "wormopt.systems.spiked.pictures:region",
-        "animation": "wormopt.pictures.worms:animation",
+        "gait": "lengths, rates and resting masses",
+        "motion": "paths of the masses, time upward",
+        "spikes": "loads and forces",
+        "region": "periods and loads at which kinematics alone determines the motion, with the "
+        "largest spike load",
+        "animation": ("two periods as a GIF", "wormopt.pictures.worms:animation"),
     }
     wanted: ClassVar = ("gait", "motion", "spikes", "region", "animation")
 
-    want: tuple[Literal["gait", "motion", "spikes", "region", "animation"], ...] = entry(
-        "`gait`: lengths, rates and resting masses; `motion`: paths of the masses, time "
-        "upward; `spikes`: loads and forces; `region`: periods and loads at which kinematics "
-        "alone determines the motion, with the largest spike load; `animation`: two periods "
-        "as a GIF",
-        default=(),
-    )
     worm: SceneWorm = entry("the worm")
     gait: GivenGait = entry("the gait; `shape` selects the other keys")
     region: MapRange | None = entry("used if `want` contains `region`", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
         yield from self.worm.faults_in_scene(self.units)
         yield from self.gait.faults(self.worm.links, self.folder)
         if self.region and not self.is_mapped:

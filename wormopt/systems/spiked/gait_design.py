@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from time import perf_counter
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SolveError
 from wormopt.model.given import per
@@ -144,25 +144,17 @@ class GaitDesign(DesignTable, kind="gait-design"):
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "gait": "wormopt.systems.spiked.pictures:gait",
-        "motion": "wormopt.systems.spiked.pictures:motion",
-        "spikes": "wormopt.systems.spiked.pictures:spikes",
-        "limits": "wormopt.systems.spiked.pictures:limits",
-        "certificate": "wormopt.systems.spiked.pictures:certificate",
-        "animation": "wormopt.pictures.worms:animation",
+        "gait": "as for kind [`gait`](gait.md), for one cycle",
+        "motion": "as for kind [`gait`](gait.md), for one cycle",
+        "spikes": "as for kind [`gait`](gait.md), for one cycle",
+        "limits": "relative sensitivity of the speed or cost to each limit (not for "
+        "`energy_per_distance` and `acceleration_effort`)",
+        "certificate": "bound over time (needs a table `[search.certify]`)",
+        "animation": ("two cycles", "wormopt.pictures.worms:animation"),
     }
     wanted: ClassVar = ("limits",)
     exports: ClassVar = {"certificate.json": "wormopt.systems.spiked.gait_design:as_json"}
 
-    want: tuple[Literal["gait", "motion", "spikes", "limits", "certificate", "animation"], ...] = (
-        entry(
-            "`gait`, `motion`, `spikes`: as for kind [`gait`](gait.md), for one cycle; "
-            "`animation`: two cycles; `limits`: relative sensitivity of the speed or cost to each "
-            "limit (not for `energy_per_distance` and `acceleration_effort`); `certificate`: "
-            "bound over time (needs a table `[search.certify]`)",
-            default=(),
-        )
-    )
     objective: Objective = entry("the objective")
 
     def _faults_of_loads(self) -> Iterator[Fault]:
@@ -179,7 +171,6 @@ class GaitDesign(DesignTable, kind="gait-design"):
             )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
         faults = list(self.faults_of_design())
         yield from faults or self._faults_of_loads()
         yield from self.objective.faults_in_scene()

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SolveError
 from wormopt.progress import Report
@@ -188,20 +188,16 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "front": "wormopt.systems.spiked.pictures:front",
-        "gait": "wormopt.systems.spiked.pictures:gait",
-        "motion": "wormopt.systems.spiked.pictures:motion",
-        "spikes": "wormopt.systems.spiked.pictures:spikes",
+        "front": "the front",
+        "gait": "the gait at its knee",
+        "motion": "the gait at its knee",
+        "spikes": "the gait at its knee",
     }
     table_file: ClassVar = True
 
-    want: tuple[Literal["front", "gait", "motion", "spikes"], ...] = entry(
-        "`front`: the front; `gait`, `motion`, `spikes`: the gait at its knee", default=()
-    )
     pareto: Pareto = entry("the front")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
         yield from self.faults_of_design()
         yield from self.faults_of_cost("pareto.against", self.pareto.against)
 

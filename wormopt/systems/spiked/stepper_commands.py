@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SolveError
 from wormopt.result import Check
@@ -135,17 +135,15 @@ class StepperCommands(Study, kind="stepper"):
     gait's largest rate and `start_rate`.
     """
 
-    pictures: ClassVar = {"steps": "wormopt.systems.spiked.pictures:steps"}
+    pictures: ClassVar = {
+        "steps": "lengths, a close-up of one link at a reversal, motor rates, positions of the "
+        "masses",
+    }
     exports: ClassVar = {
         "steps.csv": "wormopt.systems.spiked.stepper_commands:as_csv",
         "steps.c": "wormopt.systems.spiked.stepper_commands:as_c",
     }
 
-    want: tuple[Literal["steps"], ...] = entry(
-        "`steps`: lengths, a close-up of one link at a reversal, motor rates, positions of "
-        "the masses",
-        default=(),
-    )
     worm: SceneWorm = entry("the worm")
     gait: GivenGait = entry("the gait; `shape` selects the other keys")
     motor: Motor = entry("the motor of every link")
@@ -160,7 +158,6 @@ class StepperCommands(Study, kind="stepper"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
         if self.units != "SI":
             yield (
                 "units",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from wormopt.study import Given, entry, number, on_use, parts, positive, scalar, signal
 from wormopt.systems.shared.optimal_motion import OptimalMotion
@@ -110,13 +110,10 @@ class Capsule(OptimalMotion, kind="capsule"):
     """
 
     pictures: ClassVar = {
-        "signals": "wormopt.systems.chain.pictures:signals",
-        "animation": "wormopt.pictures.worms:animation",
+        "signals": ("signals over time", "wormopt.systems.chain.pictures:signals"),
+        "animation": ("both masses, as a moving GIF", "wormopt.pictures.worms:animation"),
     }
 
-    want: tuple[Literal["signals", "animation"], ...] = entry(
-        "`signals`: signals over time; `animation`: both masses, as a moving GIF", default=()
-    )
     capsule: CapsuleTable = entry("the capsule")
 
     def solve(self) -> dict[str, Optimum]:

@@ -127,7 +127,6 @@ class Masses(Given):
         return found
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows."""
         counts = [*wrong_count("mass", self.mass, self.masses, "masses")]
         orders = [harmonic.order for harmonic in self.harmonic]
         if not orders:
@@ -408,11 +407,10 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
     false`).
     """
 
-    pictures: ClassVar = {"reversals": "wormopt.systems.swinging.pictures:reversals"}
+    pictures: ClassVar = {
+        "reversals": "velocities over a period with their reversals, *V* over time",
+    }
 
-    want: tuple[Literal["reversals"], ...] = entry(
-        "`reversals`: velocities over a period with their reversals, *V* over time", default=()
-    )
     worm: Masses = entry("the masses")
     start: Start = entry("start of a simulated motion for comparison", default=Start)
     time: Duration = entry("duration of the motion", default=Duration)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from wormopt.errors import Fault
 from wormopt.study import Given, entry, on_use, parts, positive, scalar, signal
@@ -126,9 +126,10 @@ class TwoMass(OptimalMotion, kind="two-mass"):
     arcs join twice.
     """
 
-    pictures: ClassVar = {"signals": "wormopt.systems.chain.pictures:signals"}
+    pictures: ClassVar = {
+        "signals": ("signals over time", "wormopt.systems.chain.pictures:signals"),
+    }
 
-    want: tuple[Literal["signals"], ...] = entry("`signals`: signals over time", default=())
     pair: Pair = entry("the masses")
 
     def solve(self) -> dict[str, Optimum]:

@@ -86,27 +86,13 @@ class Sides:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Motion of a shape on a ground while its variables change along straight lines.
-
-    Parameters
-    ----------
-    shape : Shape
-        The body.
-    ground : Dry or Viscous
-        The ground.
-    parts : int, optional
-        Equal parts of a side, each with `points` Gauss points.
-    points : int, optional
-        Gauss points of each part.
-    width : float, optional
-        Final width of the potential, in usual powers.
-    """
+    """Motion of a shape on a ground while its variables change along straight lines."""
 
     shape: Shape
     ground: Ground
-    parts: int = 4
-    points: int = 8
-    width: float = _WIDTHS[-1]
+    parts: int = 4  # equal parts of a side, each with `points` Gauss points
+    points: int = 8  # Gauss points of each part
+    width: float = _WIDTHS[-1]  # final width of the potential, in usual powers
 
     @cached_property
     def _functions(self) -> tuple[ca.Function, ca.Function]:

@@ -28,23 +28,14 @@ _ODD, _APART = 1.00371, 1e-9
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """Options of a search.
+    """Options of a search."""
 
-    Parameters
-    ----------
-    cost : {"steps", "work", "time"}, optional
-        Quantity to minimise.
-    cell : (float, float), optional
-        Length and angle of cells in which only the cheapest pose is kept. The result is then the
-        best of the library, except paths through poses beside a cheaper one in their cell. With
-        (0, 0) the search is exact, but long searches do not end.
-    most : int, optional
-        Number of poses after which the search stops.
-    """
-
-    cost: Cost = "steps"
+    cost: Cost = "steps"  # quantity to minimise
+    # length and angle of cells in which only the cheapest pose is kept. The result is then the best
+    # of the library, except paths through poses beside a cheaper one in their cell. With (0, 0) the
+    # search is exact, but long searches do not end
     cell: tuple[float, float] = (0.0, 0.0)
-    most: int = 200_000
+    most: int = 200_000  # number of poses after which the search stops
 
 
 @dataclass(frozen=True)
@@ -86,9 +77,9 @@ def routes(
     bound = _bound(task, library, capture, costs, moves)
     unit = _APART * float(costs[costs > 0].min(initial=1.0))
     order = 0
-    root = _Node(task.start, 0.0, -1, -1, 0)
+    root = _Node(np.array(task.start), 0.0, -1, -1, 0)
     nodes: list[_Node] = []
-    queue: list[tuple[float, int, _Node]] = [(float(bound(task.start[None])[0]), 0, root)]
+    queue: list[tuple[float, int, _Node]] = [(float(bound(root.pose[None])[0]), 0, root)]
     seen: set[tuple[int, ...]] = set()
     while queue and looked.poses < options.most:
         _, _, node = heapq.heappop(queue)
@@ -127,7 +118,7 @@ def least_steps(task: PathTask, library: Library, capture: Tolerance) -> float:
     """Return a lower bound of the number of steps from the start to the goal."""
     moves = np.array([step.displacement for step in library.steps])
     bound = _bound(task, library, capture, np.ones(len(moves)), moves)
-    return float(bound(task.start[None])[0])
+    return float(bound(np.array([task.start]))[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +321,7 @@ def _exactly(
 def _end(task: PathTask, route: Sequence[Fitted], a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the end pose (3,) by the series, and its derivatives by the amplitudes (3, m)."""
     found = [fit.at(x) for fit, x in zip(route, a, strict=True)]
-    poses = [task.start]
+    poses = [np.array(task.start)]
     for value, _ in found:
         x, y, angle = poses[-1]
         poses.append(np.array([*(np.array([x, y]) + rotate(angle, value[:2])), angle + value[2]]))
@@ -348,36 +339,16 @@ _ROUTES = 200  # routes whose amplitudes are optimised before the plan stops
 
 @dataclass(frozen=True, eq=False)
 class PlannedPath:
-    """Result of `plan_path`: successive steps that lead to a goal without contact.
+    """Result of `plan_path`: successive steps that lead to a goal without contact."""
 
-    Parameters
-    ----------
-    task : PathTask
-        The task.
-    library : Library
-        Library of the steps.
-    steps : tuple of GaitStep
-        The steps, with their final amplitudes.
-    poses : ndarray, shape (m + 1, 3)
-        Poses before the first step and after each.
-    route : Route
-        Result of the search, before amplitudes change.
-    looked : Looked
-        Progress of the search.
-    tried : int
-        Number of routes whose amplitudes were optimised.
-    room : float
-        Least distance from anything, less radius and clearance, over all instants.
-    """
-
-    task: PathTask
-    library: Library
-    steps: tuple[GaitStep, ...]
-    poses: np.ndarray
-    route: Route
-    looked: Looked
-    tried: int
-    room: float
+    task: PathTask  # the task
+    library: Library  # library of the steps
+    steps: tuple[GaitStep, ...]  # the steps, with their final amplitudes
+    poses: np.ndarray  # (m + 1, 3) poses before the first step and after each
+    route: Route  # result of the search, before amplitudes change
+    looked: Looked  # progress of the search
+    tried: int  # number of routes whose amplitudes were optimised
+    room: float  # least distance from anything, less radius and clearance, over all instants
 
     def cost(self, kind: Cost) -> float:
         """Return the total number of steps, work or time."""
@@ -451,7 +422,8 @@ def plan_path(
     >>> ahead = P.gait_family(
     ...     "ahead", worm, (0.6, 0.6, 0.0), [(0.4, 0.4, 0.0)], (0.5, 1.0), held=[push, pull]
     ... )
-    >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (1e-9, 1e-9))
+    >>> near = {"place": 1e-9, "angle": 1e-9}
+    >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), near)
     >>> path = P.plan_path(task, P.Library([ahead]), (0.3, 0.1), cost="time")
     >>> len(path.steps), path.poses[-1].round(9).tolist()
     (2, [1.5, 0.0, 0.0])

@@ -286,7 +286,8 @@ def simulate_path(
     >>> ahead = P.gait_family(
     ...     "ahead", worm, (0.6, 0.6, 0.0), [(0.4, 0.4, 0.0)], (0.5, 1.0), held=[push, pull]
     ... )
-    >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (1e-9, 1e-9))
+    >>> near = {"place": 1e-9, "angle": 1e-9}
+    >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), near)
     >>> path = P.plan_path(task, P.Library([ahead]), (0.3, 0.1), cost="time")
     >>> bool(abs(P.simulate_path(path).pose - [1.5, 0.0, 0.0]).max() < 1e-9)
     True

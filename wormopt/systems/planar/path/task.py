@@ -4,22 +4,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import ArgumentError
-from wormopt.study import Given, entry, on_use, positive
-from wormopt.systems.planar.obstacles import Obstacle, Place, to_point
+from wormopt.study import Given, entry, number, on_use, positive
+from wormopt.study.types import Finite
+from wormopt.systems.planar.obstacles import (
+    Block,
+    Capsule,
+    Disc,
+    Obstacle,
+    Place,
+    Wall,
+    to_point,
+)
 
 with on_use():
     import numpy as np
+    from numpy.typing import ArrayLike
 
     from wormopt.systems.planar.path.steps import GaitStep, Library
     from wormopt.systems.planar.poses import rotate
 
+Pose = Annotated[
+    tuple[Finite, ...],
+    Meta(min_length=3, max_length=3, description="[x, y, angle], three finite numbers"),
+]
+Obstacles = tuple[Disc | Block | Capsule | Wall, ...]
 Cost = Literal["steps", "work", "time"]
 
 
@@ -67,65 +80,33 @@ class Corridor(Given, kw_only=False):
         return self.width - np.min([to_point(points, a, b) for a, b in pieces], axis=0)
 
 
-@dataclass(frozen=True, eq=False)
-class PathTask:
+class Route(Given, kw_only=False):
+    """Start, goal and limits of a path."""
+
+    start: Pose = entry("initial pose of the head: x, y, and angle of the first link")
+    goal: Pose = entry("pose to reach; the angle is modulo 2π")
+    tolerance: Tolerance = entry("accepted distance of the end from the goal")
+    via: tuple[Place, ...] = entry(
+        "places that the head must pass, in this order", quantity="length", default=()
+    )
+    via_radius: float = positive("length", "accepted distance from these places", default=0.2)
+    corridor: Corridor | None = entry("strip that no mass may leave", default=None)
+    clearance: float = number("length", "least distance from obstacles", least=0, default=0.0)
+
+
+class PathTask(Route, kw_only=False):
     """A path to find: from a pose to another, past obstacles, through via points.
-
-    Parameters
-    ----------
-    start, goal : array_like, shape (3,)
-        Poses of the frame at the head: x, y, heading (rad). A goal holds modulo 2 pi.
-    tolerance : Tolerance or (float, float)
-        Accepted distance and angle (rad) from the goal.
-    obstacles : sequence of Obstacle, optional
-        Obstacles that the body may not touch.
-    clearance : float, optional
-        Least distance from obstacles.
-    via : sequence of (float, float), optional
-        Places that the head must pass in this order, between two steps.
-    via_radius : float, optional
-        Accepted distance from these places.
-    corridor : Corridor or (array_like, float), optional
-        Strip that no mass may leave: corners (m, 2) of a line, and the distance to either side.
-
-    Raises
-    ------
-    ArgumentError
-        If a pose, tolerance, radius or clearance is out of range.
 
     Examples
     --------
-    >>> task = PathTask((0, 0, 0), (2, 0, 0), (1e-6, 1e-6), via=[(1, 0)], via_radius=0.1)
+    >>> task = PathTask((0, 0, 0), (2, 0, 0), Tolerance(1e-6, 1e-6), via=[(1, 0)], via_radius=0.1)
     >>> task.off([2.0, 0.5, 0.1]).round(12).tolist()
     [0.0, 0.5, 0.1]
     """
 
-    start: np.ndarray
-    goal: np.ndarray
-    tolerance: Any  # stored as a Tolerance
-    obstacles: Sequence[Obstacle] = ()
-    clearance: float = 0.0
-    via: Sequence[tuple[float, float]] = ()
-    via_radius: float = 0.0
-    corridor: Any = None  # stored as a Corridor
+    obstacles: Obstacles = entry("obstacles that the body may not touch", default=())
 
-    def __post_init__(self) -> None:
-        for name in ("start", "goal"):
-            pose = np.array(getattr(self, name), dtype=float)
-            if pose.shape != (3,) or not np.isfinite(pose).all():
-                raise ArgumentError(f"{name} must be x, y and an angle, not {pose.tolist()}")
-            object.__setattr__(self, name, pose)
-        object.__setattr__(self, "tolerance", Tolerance.of(self.tolerance))
-        if self.corridor is not None and not isinstance(self.corridor, Corridor):
-            object.__setattr__(self, "corridor", Corridor(*self.corridor))
-        object.__setattr__(self, "obstacles", tuple(self.obstacles))
-        object.__setattr__(self, "via", tuple((float(x), float(y)) for x, y in self.via))
-        if self.via and not self.via_radius > 0:
-            raise ArgumentError("via points need a via_radius above 0")
-        if not self.clearance >= 0:
-            raise ArgumentError(f"clearance must be 0 or above, not {self.clearance}")
-
-    def off(self, poses: np.ndarray) -> np.ndarray:
+    def off(self, poses: ArrayLike) -> np.ndarray:
         """Return poses less the goal, with angles between -pi and pi.
 
         Parameters
