@@ -138,6 +138,10 @@ def parse_table(
         above the numbers.
     named : bool
         Whether a line of names is needed. Without it, columns are called "1", "2" and so on.
+
+    Returns
+    -------
+    TextTable or None
     """
     lines, remarks = _split(text)
     empty = " is empty; write a header with the names of its columns, then the numbers"

@@ -117,6 +117,10 @@ class Branch:
         ----------
         index : int
             Index along the branch.
+
+        Returns
+        -------
+        SteadyState
         """
         rates, p = rates_of(self.model), self.p.copy()
         p[rates.place(self.name)] = self.parameter[index]

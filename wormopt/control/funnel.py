@@ -70,6 +70,10 @@ class Funnel:
         t : casadi.SX
             Time.
 
+        Returns
+        -------
+        casadi.SX
+
         Examples
         --------
         >>> import casadi as ca

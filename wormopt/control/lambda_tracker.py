@@ -128,6 +128,10 @@ class Adaptation(Protocol):
         ----------
         gain, square, tube_radius : casadi.SX
             k, |e|² of the error, and lambda, which is positive.
+
+        Returns
+        -------
+        Growth
         """
         ...
 

@@ -78,6 +78,10 @@ class Choice(ABC):
         ----------
         model : Model
             With the signal among its inputs or parameters.
+
+        Returns
+        -------
+        Model
         """
 
     @abstractmethod
@@ -132,6 +136,10 @@ class Choice(ABC):
         ----------
         chosen : ndarray, shape (size,)
             Chosen values, from -1 to 1.
+
+        Returns
+        -------
+        dict of str to float
         """
         return {}
 

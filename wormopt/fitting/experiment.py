@@ -224,6 +224,10 @@ class Experiment:
         route : {"auto", "native", "python", "cvodes"}, optional
             Integrator, see `simulate`.
 
+        Returns
+        -------
+        Run
+
         Raises
         ------
         SolveError
@@ -249,6 +253,10 @@ class Experiment:
             Chosen values.
         times : ndarray, shape (m,)
             Sample times, from 0 to the end.
+
+        Returns
+        -------
+        Trajectory
 
         Raises
         ------
@@ -303,6 +311,10 @@ class Experiment:
         ----------
         chosen : ndarray, shape (size,)
             Chosen values.
+
+        Returns
+        -------
+        Knowledge
         """
         return self.run(chosen).known
 
@@ -315,6 +327,10 @@ class Experiment:
             Volume of their confidence region, or the sum of their variances.
         wanted : sequence of str, optional
             Their names; all if left out.
+
+        Returns
+        -------
+        Criterion
         """
         return Criterion.of(kind, self.names, wanted or self.names, self.sizes)
 

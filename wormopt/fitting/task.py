@@ -402,6 +402,10 @@ class FitTask:
         ----------
         signal : str
             Its name.
+
+        Returns
+        -------
+        float
         """
         shared = self.noise or {}
         return float(shared[signal]) if signal in shared else self._rough[signal]
@@ -421,6 +425,10 @@ class FitTask:
         ----------
         noise : mapping of str to float
             Standard deviations by signal.
+
+        Returns
+        -------
+        FitTask
         """
         return replace(self, noise={**(self.noise or {}), **noise})
 
@@ -605,6 +613,10 @@ class FitTask:
         ----------
         theta : ndarray, shape (n,)
             Coordinates.
+
+        Returns
+        -------
+        tuple of Trajectory
         """
         theta = np.asarray(theta, dtype=float)
         return tuple(shooting.motion(theta) for shooting in self.shootings)

@@ -51,6 +51,10 @@ class Treatment(Protocol):
         ----------
         model : Model
             Any model.
+
+        Returns
+        -------
+        Closure
         """
         ...
 

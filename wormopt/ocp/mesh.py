@@ -93,6 +93,10 @@ class Mesh:
             Scheme and degree.
         input_degree : int, optional
             Degree of the inputs.
+
+        Returns
+        -------
+        Mesh
         """
         plain = cls(phases, arcs, collocation, input_degree)
         return replace(plain, shares=tuple(1 / n for n in plain.counts for _ in range(n)))
@@ -113,6 +117,10 @@ class Mesh:
             Scheme and degree.
         input_degree : int, optional
             Degree of the inputs.
+
+        Returns
+        -------
+        Mesh
 
         Raises
         ------

@@ -94,6 +94,10 @@ class Guess:
             Simulated with ``dense = True``, of a model with the problem's states. Its output
             ``input``, where it has one as `drive` and trackers give, makes the inputs.
 
+        Returns
+        -------
+        Guess
+
         Raises
         ------
         ArgumentError
@@ -215,6 +219,10 @@ class Motion(SampledMotion):
             Its variables.
         bounds : Bounds
             With which it was solved.
+
+        Returns
+        -------
+        Motion
         """
         n, (level, schedules, _, p) = program.mesh.total, program.arc.constants
         edges = np.cumsum([level.numel() * n, schedules.numel() * n])

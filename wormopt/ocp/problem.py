@@ -141,6 +141,10 @@ class Ends:
         n_integrals : int, optional
             Rows of the problem's ``integrands``.
 
+        Returns
+        -------
+        Ends
+
         Examples
         --------
         >>> q = ca.SX.sym("q")

@@ -79,6 +79,10 @@ def ending(
     report : callable, optional
         Receives the progress.
 
+    Returns
+    -------
+    Ending
+
     Raises
     ------
     ArgumentError

@@ -377,6 +377,10 @@ class MoreauJean:
         report : callable, optional
             Receives the progress.
 
+        Returns
+        -------
+        StepRecord
+
         Raises
         ------
         ArgumentError
@@ -449,6 +453,10 @@ class MoreauJean:
         ----------
         x0, numbers : ndarray
             As for `stable_step`.
+
+        Returns
+        -------
+        float
         """
         return _SAFE * self.stable_step(x0, numbers)
 

@@ -294,6 +294,10 @@ class Trajectory(SampledMotion):
         t : ndarray, shape (m,)
             Times, ascending.
 
+        Returns
+        -------
+        Trajectory
+
         Raises
         ------
         ArgumentError

@@ -232,6 +232,10 @@ class Objective(Given, kw_only=False):
         speed : float, optional
             Required mean speed if a cost is minimised.
 
+        Returns
+        -------
+        Objective
+
         Raises
         ------
         ArgumentError
@@ -510,6 +514,10 @@ class GaitProblem(Given, kw_only=False):
         ----------
         path : str
             Path of the field in the problem.
+
+        Returns
+        -------
+        str
         """
         part, _, name = path.partition(".")
         return f"{self.limits.name}.{name}" if part == "limits" else path

@@ -130,6 +130,10 @@ class Limits(Given, kw_only=False):
         period : float
             Shortest period of the motion.
 
+        Returns
+        -------
+        int
+
         Examples
         --------
         >>> Limits(period=(1.0, 5.0), length=(0.7, 1.3), rate=1.0).cycles_of(0.4)
@@ -176,6 +180,10 @@ class Limits(Given, kw_only=False):
         ----------
         count : int
             Number of ticks.
+
+        Returns
+        -------
+        float
         """
         return float(count * Fraction(repr(float(self.tick or 0.0))))
 
@@ -186,6 +194,10 @@ class Limits(Given, kw_only=False):
         ----------
         period : float or (float, float), optional
             Replaces the period of the limits.
+
+        Returns
+        -------
+        Limits
         """
         return structs.replace(self, period=period or self.period, tick=None, length_step=None)
 
@@ -266,6 +278,10 @@ class Limits(Given, kw_only=False):
             Largest rate and acceleration of every link length.
         links : int
             Number of links.
+
+        Returns
+        -------
+        Limits
 
         Examples
         --------

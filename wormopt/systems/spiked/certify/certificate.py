@@ -81,6 +81,10 @@ class Certificate:
             Data of the proof.
         bound : Fraction
             The proven bound on the speed.
+
+        Returns
+        -------
+        Certificate
         """
         content = {
             "format": FORMAT,

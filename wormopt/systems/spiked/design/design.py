@@ -189,6 +189,10 @@ class Design:
         ----------
         load : float
             Load on each mass; the mean of loads that differ.
+
+        Returns
+        -------
+        Crawl
         """
         return _motion_under(load, self.task, self.gait)
 
