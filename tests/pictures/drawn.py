@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from hints import Patch
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -131,6 +132,16 @@ def without(result: Result, *beginnings: str) -> Result:
 def standard(picture: str) -> Figure:
     """A picture as wide as a column, where there is least room, to be looked at only."""
     return figure(sample(picture), picture, width=85)
+
+
+def composed(picture: str) -> Figure:
+    """As `standard`, before labels are broken into lines, which takes longest.
+
+    Those of readings stand side by side only on a page.
+    """
+    with Patch.context() as patch:
+        patch.setattr("wormopt.pictures._fit", lambda drawn: None)
+        return figure(sample(picture), picture, width=None if picture == "readings" else 85)
 
 
 class Box(NamedTuple):

@@ -39,13 +39,14 @@ def kinds(motion: Trajectory) -> list[tuple[str, str]]:
 
 
 @cache
-def kicked(law: Any, nominal: float, pushed: float = 0.0) -> Model:
-    """A block whose velocity is set at t = 1/2."""
-    t, v, f, to = (ca.SX.sym(name) for name in ("t", "v", "f", "to"))
-    states, numbers = [Signal("v", v, value=0.0)], [Signal("to", to, value=0.0)]
+def kicked(law: Any, nominal: float) -> Model:
+    """A block that is pushed, whose velocity is set at t = 1/2."""
+    t, v, f, to, push = (ca.SX.sym(name) for name in ("t", "v", "f", "to", "push"))
+    states = [Signal("v", v, value=0.0)]
+    numbers = [Signal("to", to, value=0.0), Signal("push", push, value=0.0)]
     contacts = [Contact("block", v, f, law, nominal_speed=nominal)]
     switches = [Switch("kick", t - 0.5, to)]
-    return Model("kicked", states, f + pushed, t=t, p=numbers, contacts=contacts, switches=switches)
+    return Model("kicked", states, f + push, t=t, p=numbers, contacts=contacts, switches=switches)
 
 
 @pytest.mark.parametrize("nominal", [1e-3, 10.0])
@@ -114,11 +115,12 @@ class Ratchet:
 def test_nothing_is_let_go_where_its_law_does_not_let_it(
     push: float, speed: float | None, route: Route
 ):
-    model = kicked(Ratchet(), 1.0, pushed=push)
+    model, p = kicked(Ratchet(), 1.0), {"push": push}
     if speed is None:
-        assert refused(model, 0.4, route).code == "no_contact_mode"
+        assert refused(model, 0.4, route, p=p).code == "no_contact_mode"
     else:
-        assert simulate(model, 0.4, route=route).end == pytest.approx([0.4 * speed], abs=1e-13)
+        motion = simulate(model, 0.4, p=p, route=route)
+        assert motion.end == pytest.approx([0.4 * speed], abs=1e-13)
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -139,8 +141,8 @@ def test_a_start_near_the_edge_of_what_holds_is_told(
     side: int, share: float, way: float, route: Route
 ):
     """As near as errors of the motion, on either side."""
-    block = kicked(Coulomb(2.0, 2.0), 1.0, pushed=2.0 * way * (1 + side * share * EDGE))
-    motion = simulate(block, 0.25, sensitivities=["to"], route=route)
+    block, p = kicked(Coulomb(2.0, 2.0), 1.0), {"push": 2.0 * way * (1 + side * share * EDGE)}
+    motion = simulate(block, 0.25, p=p, sensitivities=["to"], route=route)
     told = [(doubt.event.name, doubt.reason) for doubt in motion.nonsmooth_events]
     assert (("block", "edge") in told) == (share < 1)
     assert motion.modes[-1, 1] == (way if side > 0 else 0)
