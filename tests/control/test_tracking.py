@@ -37,7 +37,6 @@ def pushed() -> Model:
 # -- benchmarks of docs/verification.md -------------------------------------------------------
 
 
-@pytest.mark.slow  # simulation/test_routes.py compares all routes with them
 @pytest.mark.parametrize("feedback", ["filter", "derivative"])
 def test_the_trackers_reproduce_the_benchmarks(feedback: Feedback):
     """TRACK14 and TRACK13: the chapter's data, rest length 0, x(0) = (0, 2, 4), at t = 10."""

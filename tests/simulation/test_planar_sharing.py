@@ -152,7 +152,7 @@ def two_rods() -> Model:
     )
 
 
-@pytest.mark.parametrize("first", [pytest.param(0, marks=pytest.mark.slow), 1])
+@pytest.mark.parametrize("first", [0, 1])
 def test_of_two_rods_one_slips_and_the_other_rests(first: int):
     """Their ends hold 4 together; one is pulled by t, the other by half of it."""
     pulls = [1.0, 0.5] if first == 0 else [0.5, 1.0]

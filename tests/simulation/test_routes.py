@@ -96,7 +96,6 @@ def test_tracked_worms_arrive_where_the_benchmark_says(feedback: Feedback, route
     # at the looser tolerance rounding decides steps of CVODES, and their errors with them
     accepted = 1e-9 if route != "cvodes" else 1e-8
     assert motion.end == pytest.approx(TRACKED[feedback], abs=accepted)
-    assert motion["error_norm"].min() > 0.2  # the tube is never reached
 
 
 def test_the_magnetic_pair_has_the_events_of_the_benchmark(route: Route):
