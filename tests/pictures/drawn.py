@@ -135,13 +135,14 @@ def standard(picture: str) -> Figure:
 
 
 def composed(picture: str) -> Figure:
-    """As `standard`, before labels are broken into lines, which takes longest.
+    """As `standard`, but without title and breaks of lines, which take longest.
 
     Those of readings stand side by side only on a page.
     """
+    width = None if picture == "readings" else 85
     with Patch.context() as patch:
         patch.setattr("wormopt.pictures._fit", lambda drawn: None)
-        return figure(sample(picture), picture, width=None if picture == "readings" else 85)
+        return figure(sample(picture), picture, width=width, title=False)
 
 
 class Box(NamedTuple):
