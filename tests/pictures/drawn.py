@@ -33,7 +33,7 @@ def two_trackers(end: float, links: int = 2) -> tuple[str, ...]:
 
 
 SCENES: dict[str, tuple[str, ...]] = {
-    "limits": ("design_fast_gait", SI, *QUICK),
+    "limits": ("design_fast_gait",),
     "front": ("pareto_speed_load",),
     "certificate": ("certified_gait",),
     "trackers": two_trackers(2.0),

@@ -87,8 +87,8 @@ def test_every_picture_is_written(picture: str, tmp_path: Path):
     "objective", ["speed", pytest.param("peak_spike_load", marks=pytest.mark.slow)]
 )
 def test_bars_of_limits_tell_which_way_helps(objective: str):
-    cost = f"objective={{minimise={objective!r}, speed=0.5}}"
-    result = real("design_fast_gait", SI, *QUICK, *([cost] if objective != "speed" else []))
+    changes = [SI, *QUICK, f"objective={{minimise={objective!r}, speed=0.5}}"]
+    result = real("design_fast_gait", *(changes if objective != "speed" else []))
     known, elasticity = result.attributes["limits"], result["limit_elasticity"].values
     binding = np.argsort(-abs(elasticity))[: np.sum(abs(elasticity) > 1e-6)]
     known["one_sided"] = [name == "worm.load" for name in known["name"]]
