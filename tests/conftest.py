@@ -46,6 +46,10 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("effort")
 
 
+def pytest_collection_finish() -> None:
+    gc.freeze()  # what was collected stays: nothing goes through it again
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip tests of compiled code where there is no C compiler."""
     if compiler():

@@ -203,7 +203,9 @@ def test_one_model_serves_all_parameters():
     [STRIBECK, STRIBECK], [VISCOUS, VISCOUS], [COULOMB, STRIBECK], [VISCOUS, COULOMB],
     [Coulomb(0.2 * EPS, 0.9 * EPS), Coulomb(0.7 * EPS, 0.3 * EPS)],
 ])  # fmt: skip
-@pytest.mark.parametrize("cosines", [(1.0, 1.0), (1.0, 1.0, 0.5, 0.2)])
+@pytest.mark.parametrize(
+    "cosines", [pytest.param((1.0, 1.0), marks=pytest.mark.slow), (1.0, 1.0, 0.5, 0.2)]
+)
 def test_other_laws_and_fields_by_brute_force(laws: list[Law], cosines: tuple[float, ...]):
     model = slow_pair(law=laws, cosines=cosines, **PAIR)
     found, brute = rates_of(averaged(model)), Brute(model, laws, 2 * np.pi / NU)

@@ -31,7 +31,7 @@ def refusal(name: str, *changes: str | dict) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", [0, 1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 3))])
 def test_spoiled_scenes_are_read_or_refused(part: int, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(packaged_folder())
     names, verdicts = sorted(packaged_scenes()), {"accepted": 0, "refused": 0}

@@ -5,6 +5,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -32,12 +33,14 @@ def test_intervals_hold_the_truth_and_wrong_starts_end_at_the_best_fit():
     assert 0.94 < noise[0] < noise[1] < noise[2] < 1.06
 
 
-DRAWN = draw(0)
+@cache
+def first_draw() -> Draw:
+    return draw(0)
 
 
 def changed(change: Callable[[np.ndarray, np.random.Generator], np.ndarray]) -> Draw:
-    values = change(DRAWN.seen.values["position"].copy(), np.random.default_rng(5))
-    return replace(DRAWN, seen=replace(DRAWN.seen, values={"position": values}))
+    values = change(first_draw().seen.values["position"].copy(), np.random.default_rng(5))
+    return replace(first_draw(), seen=replace(first_draw().seen, values={"position": values}))
 
 
 def fitted(drawn: Draw, **more: Any) -> tuple[wo.Fit, np.ndarray]:
@@ -54,7 +57,7 @@ def with_gaps(x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def with_outliers(x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     wild = rng.random(x.shape) < 0.05
-    return np.where(wild, x + 50 * DRAWN.noise * rng.uniform(-1, 1, x.shape), x)
+    return np.where(wild, x + 50 * first_draw().noise * rng.uniform(-1, 1, x.shape), x)
 
 
 def few(x: np.ndarray, _: np.random.Generator) -> np.ndarray:
@@ -75,14 +78,14 @@ def test_poor_recordings_still_tell_the_truth(change: Any, more: dict, noise: fl
     found, off = fitted(changed(change), **more)
     assert found.converged
     assert off.max() < 4
-    assert found.noise["position"] == pytest.approx(DRAWN.noise, rel=noise)
+    assert found.noise["position"] == pytest.approx(first_draw().noise, rel=noise)
 
 
 def test_outliers_make_least_squares_worse_not_wrong():
     found, off = fitted(changed(with_outliers))
     robust, _ = fitted(changed(with_outliers), loss="huber")
     assert off.max() < 4
-    assert found.noise["position"] > 4 * DRAWN.noise
+    assert found.noise["position"] > 4 * first_draw().noise
     assert np.all(np.diag(found.covariance) > 4 * np.diag(robust.covariance))
 
 
@@ -90,7 +93,7 @@ def test_what_no_worm_does_is_no_good_fit():
     """Signs or columns mixed up: the bottom is not reached, or noise is far beyond the camera's."""
     for change in (lambda x, _: -x, lambda x, _: x[[1, 0, 2]]):
         found, _ = fitted(changed(change))
-        assert not found.converged or found.noise["position"] > 100 * DRAWN.noise
+        assert not found.converged or found.noise["position"] > 100 * first_draw().noise
         assert found.warnings or found.at_bound or found.reason
 
 

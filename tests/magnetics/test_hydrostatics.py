@@ -353,7 +353,7 @@ def test_forces_on_the_fluid_balance_and_would_not_at_another_current():
     assert wrong.field_error > 1e-4
 
 
-@pytest.mark.parametrize("fault", ["jump", "energy"])
+@pytest.mark.parametrize("fault", [pytest.param("jump", marks=pytest.mark.slow), "energy"])
 def test_a_wrong_pull_at_the_surface_is_found(monkeypatch: pytest.MonkeyPatch, fault: str):
     def wrong(fluid: Fluid, field: tuple[Any, Any], slope: Any) -> Any:
         energy = MU0 * fluid.magnetisation.energy(field[0] ** 2 + field[1] ** 2)

@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from hints import Patch
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -32,7 +33,7 @@ def two_trackers(end: float, links: int = 2) -> tuple[str, ...]:
 
 
 SCENES: dict[str, tuple[str, ...]] = {
-    "limits": ("design_fast_gait", SI, *QUICK),
+    "limits": ("design_fast_gait",),
     "front": ("pareto_speed_load",),
     "certificate": ("certified_gait",),
     "trackers": two_trackers(2.0),
@@ -131,6 +132,17 @@ def without(result: Result, *beginnings: str) -> Result:
 def standard(picture: str) -> Figure:
     """A picture as wide as a column, where there is least room, to be looked at only."""
     return figure(sample(picture), picture, width=85)
+
+
+def composed(picture: str) -> Figure:
+    """As `standard`, but without title and breaks of lines, which take longest.
+
+    Those of readings stand side by side only on a page.
+    """
+    width = None if picture == "readings" else 85
+    with Patch.context() as patch:
+        patch.setattr("wormopt.pictures._fit", lambda drawn: None)
+        return figure(sample(picture), picture, width=width, title=False)
 
 
 class Box(NamedTuple):

@@ -6,7 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn import PICTURES, QUICK, SI, boxes, real, sample, standard, two_trackers, without
+from drawn import (
+    PICTURES,
+    QUICK,
+    SI,
+    boxes,
+    composed,
+    real,
+    sample,
+    standard,
+    two_trackers,
+    without,
+)
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import same_color
@@ -51,11 +62,6 @@ def entries(drawn: Figure) -> list[str]:
 # One of each way to draw: lines, bars, colours, shades, outlines. All others are drawn, though not
 # written, where their texts are looked at.
 WRITTEN = {"gait", "limits", "certificate", "bands", "basins", "segment_shapes", "motion"}
-# Those that take longest to draw.
-FULL = {
-    "block", "bode", "cargo", "coil_pressure", "comparison", "draws", "forward", "margins", "ride",
-    "rod_frequency", "steps",
-}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -81,8 +87,8 @@ def test_every_picture_is_written(picture: str, tmp_path: Path):
     "objective", ["speed", pytest.param("peak_spike_load", marks=pytest.mark.slow)]
 )
 def test_bars_of_limits_tell_which_way_helps(objective: str):
-    cost = f"objective={{minimise={objective!r}, speed=0.5}}"
-    result = real("design_fast_gait", SI, *QUICK, *([cost] if objective != "speed" else []))
+    changes = [SI, *QUICK, f"objective={{minimise={objective!r}, speed=0.5}}"]
+    result = real("design_fast_gait", *(changes if objective != "speed" else []))
     known, elasticity = result.attributes["limits"], result["limit_elasticity"].values
     binding = np.argsort(-abs(elasticity))[: np.sum(abs(elasticity) > 1e-6)]
     known["one_sided"] = [name == "worm.load" for name in known["name"]]
@@ -128,13 +134,9 @@ def test_pictures_for_every_number_of_links(links: int):
         assert drawn.axes
 
 
-@pytest.mark.parametrize(
-    "picture",
-    [pytest.param(p, marks=pytest.mark.slow if p in FULL else ()) for p in PICTURES],
-)
-def test_axes_carry_symbols_and_units(picture: str):
-    # those of readings stand side by side only on a page
-    drawn = figure(sample(picture), picture) if picture == "readings" else standard(picture)
+@pytest.mark.parametrize("picture", PICTURES)
+def test_axes_carry_symbols_and_units_and_links_and_masses_count_from_0(picture: str):
+    result, drawn = sample(picture), composed(picture)
     last = [a for a in drawn.axes if a.get_visible() and a.get_label() != "<colorbar>"][-1]
     # waveforms are always dimensionless, and gains are told by the scene's numbers
     plain = {"waveform": "time $t$", "margins": "gain $k$"}
@@ -143,6 +145,13 @@ def test_axes_carry_symbols_and_units(picture: str):
     first = [axes for axes in drawn.axes if (at := axes.get_subplotspec()) and at.is_first_col()]
     labelled = [axes.get_ylabel() for axes in first if len(axes.get_yticks())]
     assert all(labelled)
+    # no link and no mass has a number that only counting from 1 gives
+    words = " ".join([*entries(drawn), *(a.get_xlabel() + a.get_ylabel() for a in drawn.axes)])
+    for what in ("link", "mass"):
+        counts = [n for v in result.variables for d, n in zip(v.dims, v.values.shape, strict=True)
+                  if d == what]  # fmt: skip
+        named = {int(number) for number in re.findall(rf"\b{what} (\d+)", words)}
+        assert not named or (max(named) < counts[0] and (len(named) == 1 or min(named) == 0))
 
 
 def test_axes_without_units_carry_symbols_alone():
@@ -406,7 +415,7 @@ def test_signals_show_rests_as_shades_or_as_a_band(contacts: int):
 
 def test_failed_results_are_marked():
     failed = dataclasses.replace(sample("gait"), status="failed", reason="spike_load is too low")
-    for picture in ("gait", "motion", "spikes", "animation"):
+    for picture in ("gait", "animation"):
         for title in (True, False):
             drawn = figure(failed, picture, title=title)
             assert "failed: spike_load is too low" in texts(drawn)
@@ -432,19 +441,6 @@ def test_a_front_shows_what_was_not_accepted_hollow():
 def test_letters_without_a_glyph_do_no_harm(tmp_path: Path):
     draw(dataclasses.replace(sample("front"), title="蠕虫 λ"), "front", tmp_path / "front.png")
     assert (tmp_path / "front.png").stat().st_size > 1000
-
-
-@pytest.mark.parametrize("picture", PICTURES)
-def test_links_and_masses_are_numbered_from_0(picture: str):
-    """None has a number that only counting from 1 gives."""
-    result = sample(picture)
-    drawn = standard(picture)
-    words = " ".join([*entries(drawn), *(a.get_xlabel() + a.get_ylabel() for a in drawn.axes)])
-    for what in ("link", "mass"):
-        counts = [n for v in result.variables for d, n in zip(v.dims, v.values.shape, strict=True)
-                  if d == what]  # fmt: skip
-        named = {int(number) for number in re.findall(rf"\b{what} (\d+)", words)}
-        assert not named or (max(named) < counts[0] and (len(named) == 1 or min(named) == 0))
 
 
 def test_without_title_a_picture_is_smaller_and_says_neither_title_nor_facts():

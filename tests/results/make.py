@@ -63,6 +63,9 @@ SCENES = {
     ],
     "gait_shift": ['units="SI"', "way.goal=12.0"],
     "gait_region": ['units="SI"'],
+    "design_fast_gait": [
+        'units="SI"', 'search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1",
+    ],
     "certified_gait": [
         'units="SI"', 'search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1",
         "search.certify.gap=2e-2",

@@ -317,13 +317,20 @@ def test_steps_without_events_know_conditions_too():
 
 
 def test_what_holds_the_other_way_does_not_matter(route):
+    p = signals(push=0.0, forward=0.0, backward=0.0)
+    push, forward, backward = (s.symbol for s in p)
+    finite = block(push, wo.Coulomb(forward, backward), p)  # compiled once
+
+    def end(push, forward, backward):
+        if max(forward, backward) == np.inf:
+            return wo.simulate(block(push, wo.Coulomb(forward, backward)), 2.0, route=route).end
+        p = {"push": push, "forward": forward, "backward": backward}
+        return wo.simulate(finite, 2.0, p=p, route=route).end
+
     for held in [*10.0 ** np.arange(0, 31, 6), np.inf]:
-        ahead = wo.simulate(block(0.5, wo.Coulomb(0.25, held)), 2.0, route=route)
-        assert ahead.end == pytest.approx([0.5, 0.5], rel=1e-13)
-        back = wo.simulate(block(-0.5, wo.Coulomb(held, 0.25)), 2.0, route=route)
-        assert back.end == pytest.approx([-0.5, -0.5], rel=1e-13)
-        free = wo.simulate(block(1e-9, wo.Coulomb(0.0, held)), 2.0, route=route)
-        assert free.end == pytest.approx([2e-9, 2e-9], rel=1e-9)
+        assert end(0.5, 0.25, held) == pytest.approx([0.5, 0.5], rel=1e-13)
+        assert end(-0.5, held, 0.25) == pytest.approx([-0.5, -0.5], rel=1e-13)
+        assert end(1e-9, 0.0, held) == pytest.approx([2e-9, 2e-9], rel=1e-9)
 
 
 def test_a_chain_on_ground_that_holds_without_limit_travels():

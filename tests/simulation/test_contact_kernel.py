@@ -39,13 +39,14 @@ def kinds(motion: Trajectory) -> list[tuple[str, str]]:
 
 
 @cache
-def kicked(law: Any, nominal: float, pushed: float = 0.0) -> Model:
-    """A block whose velocity is set at t = 1/2."""
-    t, v, f, to = (ca.SX.sym(name) for name in ("t", "v", "f", "to"))
-    states, numbers = [Signal("v", v, value=0.0)], [Signal("to", to, value=0.0)]
+def kicked(law: Any, nominal: float) -> Model:
+    """A block that is pushed, whose velocity is set at t = 1/2."""
+    t, v, f, to, push = (ca.SX.sym(name) for name in ("t", "v", "f", "to", "push"))
+    states = [Signal("v", v, value=0.0)]
+    numbers = [Signal("to", to, value=0.0), Signal("push", push, value=0.0)]
     contacts = [Contact("block", v, f, law, nominal_speed=nominal)]
     switches = [Switch("kick", t - 0.5, to)]
-    return Model("kicked", states, f + pushed, t=t, p=numbers, contacts=contacts, switches=switches)
+    return Model("kicked", states, f + push, t=t, p=numbers, contacts=contacts, switches=switches)
 
 
 @pytest.mark.parametrize("nominal", [1e-3, 10.0])
@@ -88,11 +89,12 @@ def test_one_is_let_go_and_its_neighbour_by_its_own_force(
     lacking: float, sign: float, route: Route
 ):
     """What counts as rounding is 1e-13 of the largest force."""
-    v, f = ca.SX.sym("v", 2), ca.SX.sym("f", 2)
+    v, f, push = (ca.SX.sym(name, 2) for name in ("v", "f", "push"))
     grounds = [Contact(f"block {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(2)]
-    push = ca.DM([2 * sign, sign * (1 + lacking)])
-    model = Model("neighbours", [Signal("v", v, value=0.0)], f + push, contacts=grounds)
-    motion = simulate(model, 1.0, route=route)
+    states, p = [Signal("v", v, value=0.0)], [Signal("push", push)]
+    model = Model("neighbours", states, f + push, p=p, contacts=grounds)
+    pushed = {"push": [2 * sign, sign * (1 + lacking)]}
+    motion = simulate(model, 1.0, p=pushed, route=route)
     assert motion.modes[:, 1:].tolist() == [[sign, sign if lacking > 1e-13 else 0.0]]
     assert not motion.events
 
@@ -114,11 +116,12 @@ class Ratchet:
 def test_nothing_is_let_go_where_its_law_does_not_let_it(
     push: float, speed: float | None, route: Route
 ):
-    model = kicked(Ratchet(), 1.0, pushed=push)
+    model, p = kicked(Ratchet(), 1.0), {"push": push}
     if speed is None:
-        assert refused(model, 0.4, route).code == "no_contact_mode"
+        assert refused(model, 0.4, route, p=p).code == "no_contact_mode"
     else:
-        assert simulate(model, 0.4, route=route).end == pytest.approx([0.4 * speed], abs=1e-13)
+        motion = simulate(model, 0.4, p=p, route=route)
+        assert motion.end == pytest.approx([0.4 * speed], abs=1e-13)
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -139,8 +142,8 @@ def test_a_start_near_the_edge_of_what_holds_is_told(
     side: int, share: float, way: float, route: Route
 ):
     """As near as errors of the motion, on either side."""
-    block = kicked(Coulomb(2.0, 2.0), 1.0, pushed=2.0 * way * (1 + side * share * EDGE))
-    motion = simulate(block, 0.25, sensitivities=["to"], route=route)
+    block, p = kicked(Coulomb(2.0, 2.0), 1.0), {"push": 2.0 * way * (1 + side * share * EDGE)}
+    motion = simulate(block, 0.25, p=p, sensitivities=["to"], route=route)
     told = [(doubt.event.name, doubt.reason) for doubt in motion.nonsmooth_events]
     assert (("block", "edge") in told) == (share < 1)
     assert motion.modes[-1, 1] == (way if side > 0 else 0)
@@ -230,13 +233,13 @@ def test_a_mirrored_sled_is_the_mirror_of_a_sled(order: int, route: Route):
 @pytest.mark.parametrize("order", [1, -1])
 def test_what_is_let_go_as_another_is_struck_goes_its_way(order: int, sign: float, route: Route):
     """A load of t pulls one off at 1, when the other, which is held, is kicked."""
-    v, f, t = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t")
+    v, f, t, way = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t"), ca.SX.sym("way")
     laws = [Coulomb(1.0, 1.0), NoSlip()]
     grounds = [Contact(f"ground {i}", v[i], f[i], law) for i, law in enumerate(laws)]
     kick = Switch("kick", t - 1, v + ca.DM([0.0, 0.3]))
-    states, ode = [Signal("v", v, value=0.0)], f + ca.vertcat(sign * t, 0)
-    pair = Model("pair", states, ode, t=t, contacts=grounds[::order], switches=[kick])
-    motion = simulate(pair, 2.0, route=route)
+    states, ode, p = [Signal("v", v, value=0.0)], f + ca.vertcat(way * t, 0), [Signal("way", way)]
+    pair = Model("pair", states, ode, t=t, p=p, contacts=grounds[::order], switches=[kick])
+    motion = simulate(pair, 2.0, p={"way": sign}, route=route)
     expected = {("ground 0", "release"), ("ground 1", "impact"), ("kick", "switch")}
     assert sorted(kinds(motion)) == sorted(expected)
     assert motion.end == pytest.approx([sign / 2, 0.0], abs=1e-12)

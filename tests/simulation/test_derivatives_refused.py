@@ -60,12 +60,12 @@ def test_a_guard_that_touches_0_in_a_long_step_is_grazing(
     route: Any, depth: float, expected: set[str]
 ):
     """Next to nothing is so against what the guard is elsewhere in the step."""
-    x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    switch = [Switch("hits", depth - (x - 6.3) ** 2, ca.vertcat(x, y + 1))]
-    states = [Signal("x", x, value=0.0), Signal("y", y, value=0.0)]
+    x, y, d = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("d")
+    switch = [Switch("hits", d - (x - 6.3) ** 2, ca.vertcat(x, y + 1))]
+    states, p = [Signal("x", x, value=0.0), Signal("y", y, value=0.0)], [Signal("d", d)]
     motion = simulate(
-        Model("clock", states, ca.SX([1, 0]), switches=switch), 20.0, sensitivities=["x"],
-        route=route, tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
+        Model("clock", states, ca.SX([1, 0]), p=p, switches=switch), 20.0, sensitivities=["x"],
+        p={"d": depth}, route=route, tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
     )  # fmt: skip
     found = {(d.event.name, d.event.kind, d.event.mode, d.reason) for d in motion.nonsmooth_events}
     assert found == {("hits", "switch", 0, reason) for reason in expected}

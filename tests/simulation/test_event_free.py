@@ -61,7 +61,7 @@ def apart(motion: Trajectory, found: Ending) -> float:
 
 
 @given(st.floats(0.1, 3.0), st.floats(0.1, 2.0))
-@settings(max_examples=examples(30))
+@settings(max_examples=examples(15))
 def test_a_sliding_mass_stops_where_its_energy_is_spent(speed: float, mu: float):
     p = {"mu": mu, "pull": 0.0}
     motion = simulate(driven(), 1.3 * speed / mu, x0={"v": speed}, p=p)

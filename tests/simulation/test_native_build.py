@@ -114,7 +114,8 @@ def test_processes_that_compile_at_once_do_not_disturb_each_other(logged: Compil
 
 
 @pytest.mark.parametrize(
-    "damage", ["shorter", "flipped", pytest.param("emptied", marks=pytest.mark.slow)]
+    "damage",
+    ["flipped", *(pytest.param(each, marks=pytest.mark.slow) for each in ("shorter", "emptied"))],
 )
 def test_a_damaged_entry_is_made_anew(logged: Compiler, damage: str):
     run(ASK)

@@ -302,14 +302,16 @@ def test_steps_without_events_refuse_driven_belts():
 # -- velocities that no contact force changes in some places --------------------------------------
 
 
-def _legs(angles: tuple[float, ...], law: Coulomb) -> Model:
+def _legs(angles: tuple[float, ...]) -> Model:
     """Feet on a wheel of unit radius and inertia, each moving along the ground by its cosine."""
-    f, pull = ca.SX.sym("f", len(angles)), ca.SX.sym("pull")
+    f, (pull, ahead, back) = ca.SX.sym("f", len(angles)), map(ca.SX.sym, ("pull", "ahead", "back"))
     arms = [ca.cos(x + angle) for angle in angles]
     states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
     ode = ca.vertcat(v, ca.dot(ca.vertcat(*arms), f) + pull)
+    law = Coulomb(ahead, back)  # parameters: the model is compiled once
     contacts = [Contact(f"foot {i}", a * v, f[i], law) for i, a in enumerate(arms)]
-    return Model("legs", states, ode, p=[Signal("pull", pull, value=0.0)], contacts=contacts)
+    p = [Signal("pull", pull, value=0.0), Signal("ahead", ahead), Signal("back", back)]
+    return Model("legs", states, ode, p=p, contacts=contacts)
 
 
 @pytest.mark.parametrize("angles", [(0.0,), (0.0, 1.0)])
@@ -317,8 +319,8 @@ def test_a_foot_is_not_stopped_where_its_arm_is_upright(angles: tuple[float, ...
     """What friction takes is mu times the way of each foot, whatever its speed."""
     random = np.random.default_rng(1)
     for start, energy, mu in random.uniform((-1, 2, 0.1), (1, 3, 0.5), (4, 3)):
-        model = _legs(angles, Coulomb(mu, mu))
-        motion = simulate(model, 2.0, x0={"x": start, "v": np.sqrt(2 * energy)}, route=route)
+        x0, p = {"x": start, "v": np.sqrt(2 * energy)}, {"ahead": mu, "back": mu}
+        motion = simulate(_legs(angles), 2.0, x0=x0, p=p, route=route)
         end, speed = motion.end
         assert end > 2.0  # beyond pi/2 and what remains of it
         grid = np.linspace(start, end, 20_001)
@@ -328,18 +330,19 @@ def test_a_foot_is_not_stopped_where_its_arm_is_upright(angles: tuple[float, ...
 
 
 def test_a_motion_may_start_with_an_arm_that_is_upright(route: Route):
-    start = {"x": np.pi / 2, "v": 1.0}
-    end, speed = simulate(_legs((0.0,), Coulomb(0.2, 0.2)), 1.0, x0=start, route=route).end
+    start, p = {"x": np.pi / 2, "v": 1.0}, {"ahead": 0.2, "back": 0.2}
+    end, speed = simulate(_legs((0.0,)), 1.0, x0=start, p=p, route=route).end
     assert speed**2 / 2 == pytest.approx(0.5 - 0.2 * (1 - np.sin(end)), abs=1e-9)
 
 
 def test_derivatives_pass_an_upright_arm():
-    model, x0 = _legs((0.0,), Coulomb(0.5, 0.3)), {"x": 1.2, "v": 1.0}
-    motion = simulate(model, 0.8, x0=x0, p={"pull": 0.1}, sensitivities=["pull"])
-    ends = [simulate(model, 0.8, x0=x0, p={"pull": 0.1 + h}).end for h in (1e-4, -1e-4)]
+    model, x0, law = _legs((0.0,)), {"x": 1.2, "v": 1.0}, {"ahead": 0.5, "back": 0.3}
+    motion = simulate(model, 0.8, x0=x0, p={"pull": 0.1} | law, sensitivities=["pull"])
+    ends = [simulate(model, 0.8, x0=x0, p={"pull": 0.1 + h} | law).end for h in (1e-4, -1e-4)]
     assert motion.end_derivative[:, 0] == pytest.approx((ends[0] - ends[1]) / 2e-4, abs=1e-6)
 
 
 def test_steps_without_events_pass_an_upright_arm():
-    motion = simulate(_legs((0.0, 1.0), Coulomb(0.5, 0.3)), 1.0, x0={"x": 0.5, "v": 2.0})
+    p = {"ahead": 0.5, "back": 0.3}
+    motion = simulate(_legs((0.0, 1.0)), 1.0, x0={"x": 0.5, "v": 2.0}, p=p)
     assert ending(motion, np.array([0.5, 2.0]), 1e-6).end == pytest.approx(motion.end, abs=1e-5)

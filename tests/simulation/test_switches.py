@@ -81,17 +81,19 @@ def test_a_guard_that_begins_at_zero_and_falls_does_not_fire(route: Route):
 @pytest.mark.parametrize("levels", [(1.0, 0.99), (0.99, 1.0), (1.0, 0.4), (0.5, 0.5)])
 def test_events_close_to_each_other_keep_their_order(route: Route, levels: tuple[float, float]):
     """They lie within one step, whichever switch is written first."""
-    x, a, b = ca.SX.sym("x"), ca.SX.sym("a"), ca.SX.sym("b")
+    x, a, b, level = ca.SX.sym("x"), ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("level", 2)
     model = Model(
         "clock",
         x=[Signal("x", x, value=0.0), Signal("a", a, value=0.0), Signal("b", b, value=0.0)],
         ode=ca.SX([1, 0, 0]),
+        p=[Signal("level", level)],
         switches=[
-            Switch("a", x - levels[0], ca.vertcat(x, x, b)),
-            Switch("b", x - levels[1], ca.vertcat(x, a, x)),
+            Switch("a", x - level[0], ca.vertcat(x, x, b)),
+            Switch("b", x - level[1], ca.vertcat(x, a, x)),
         ],
     )
-    motion = simulate(model, 20.0, route=route, tolerance=Tolerance(max_step=np.inf))
+    long = Tolerance(max_step=np.inf)
+    motion = simulate(model, 20.0, p={"level": levels}, route=route, tolerance=long)
     assert event_times(motion) == pytest.approx(sorted(levels), abs=1e-12)
     assert motion.end == pytest.approx([20.0, *levels], abs=1e-12)
 
@@ -147,11 +149,11 @@ def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(
 @pytest.mark.parametrize("level", [0.1, 0.3, 0.7, 1.1])
 def test_a_motion_stopped_at_its_guard_does_not_fire_it_again(route: Route, level: float):
     """x'' = 1; at x = level the velocity is made zero, and x goes on rising from there."""
-    x, v = ca.SX.sym("x"), ca.SX.sym("v")
+    x, v, at = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("at")
     states = [Signal("x", x, value=0.0), Signal("v", v, value=0.2)]
-    stop = Switch("stop", x - level, ca.vertcat(x, 0))
-    model = Model("stopped", x=states, ode=ca.vertcat(v, 1), switches=[stop])
-    motion = simulate(model, 5.0, route=route)
+    stop = Switch("stop", x - at, ca.vertcat(x, 0))
+    model = Model("stopped", states, ca.vertcat(v, 1), p=[Signal("at", at)], switches=[stop])
+    motion = simulate(model, 5.0, p={"at": level}, route=route)
     time = np.sqrt(0.04 + 2 * level) - 0.2
     assert event_times(motion) == pytest.approx([time], abs=1e-12)
     assert motion.end[1] == pytest.approx(5 - time, abs=1e-11)

@@ -12,11 +12,6 @@ from wormopt.study import packaged_scenes
 from wormopt.study.plausible import USUAL
 
 
-@pytest.mark.parametrize("name", packaged_scenes())
-def test_packaged_scenes_surprise_nobody(name: str):
-    assert wo.load_scene(name).warnings == ()
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -89,9 +89,8 @@ def validator(kind: str) -> jsonschema.Draft202012Validator:
 @pytest.mark.parametrize("name", packaged_scenes())
 def test_packaged_scenes_keep_to_the_schema(name: str):
     raw = tomllib.loads(packaged_scenes()[name].read_text(encoding="utf-8"))
-    validator(raw["kind"]).validate(raw)
-    wrong: dict[str, Any] = {**raw, "no_such_key": 1}
-    assert not validator(raw["kind"]).is_valid(wrong)
+    (only,) = validator(raw["kind"]).iter_errors({**raw, "no_such_key": 1})
+    assert "no_such_key" in only.message
 
 
 @pytest.mark.parametrize("kind", KINDS)

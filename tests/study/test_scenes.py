@@ -21,8 +21,9 @@ def load(folder: Path, text: str, *overrides: str) -> Scene[Any]:
 
 
 @pytest.mark.parametrize("name", packaged_scenes())
-def test_packaged_scenes_are_right_and_say_all(name: str):
+def test_packaged_scenes_are_right_say_all_and_surprise_nobody(name: str):
     scene = load_scene(name)
+    assert scene.warnings == ()
     assert scene.name == name
     assert scene.title != name
     assert "#:schema" not in packaged_scenes()[name].read_text(encoding="utf-8")  # none is there

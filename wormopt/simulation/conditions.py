@@ -19,7 +19,7 @@ from wormopt.model.given import fields_of
 from wormopt.model.model import Contact, Model, Signal, Switch, pack
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import nominal_of, signal_values
-from wormopt.numerics.expressions import instructions_of
+from wormopt.numerics.expressions import Call, instructions_of
 
 NAME = "held conditions"
 """Name of the schedule and of the state with the values of conditions."""
@@ -225,9 +225,10 @@ class _Condition:
 class _Sides(NamedTuple):
     """Functions of the symbols to examine conditions of states."""
 
-    look: ca.Function  # values of conditions, and their guards
-    slopes: ca.Function  # of the guards, by states
-    right: ca.Function  # results and guards, also in terms of held values
+    look: Call  # values of conditions, and their guards
+    slopes: Call  # of the guards, by states
+    right: Call  # results and guards, also in terms of held values
+    results: int  # and guards
     nested: list[bool]  # whether a guard depends on other conditions
     two: np.ndarray  # conditions with two values
 
@@ -431,12 +432,15 @@ class _Graph:
         values = ca.vertcat(*(c.value for c in known))
         guards = ca.vertcat(*(c.kind.guard(*arguments[c.at]) for c in known))
         nested = _depend(ca.vertsplit(guards), held)
-        right = ca.Function("right", [self._symbols, held], [ca.vertcat(expressions, guards)])
-        guards, count = ca.substitute(guards, held, values), expressions.numel()
+        results, count = ca.densify(ca.vertcat(expressions, guards)), expressions.numel()
+        right = ca.Function("right", [self._symbols, held], [results])
+        guards = ca.substitute(guards, held, values)
+        look, slopes = [ca.densify(values), ca.densify(guards)], ca.jacobian(guards, self._states)
         sides = _Sides(
-            ca.Function("look", [self._symbols], [values, guards]),
-            ca.Function("slopes", [self._symbols], [ca.jacobian(guards, self._states)]),
-            right,
+            Call(ca.Function("look", [self._symbols], look)),
+            Call(ca.Function("slopes", [self._symbols], [ca.densify(slopes)])),
+            Call(right),
+            results.numel(),
             nested,
             np.flatnonzero([c.kind.bounds is None for c in known]),
         )
@@ -450,8 +454,8 @@ class _Graph:
     def _jumps(self, k: int, kind: _Kind, of: _Sides) -> np.ndarray:
         """Which results differ on both sides of a change of a condition."""
         random, (size, own) = np.random.default_rng(k), self._sizes()
-        first, found = len(size) - self._states.numel(), np.zeros(of.right.numel_out(0), dtype=bool)
-        many = of.look.numel_out(1) > _FEW  # each look is slow then
+        first, found = len(size) - self._states.numel(), np.zeros(of.results, dtype=bool)
+        many = len(of.nested) > _FEW  # each look is slow then
         for trial in range(2 if many else _TRIALS):
             at = size * random.normal(size=len(size)) * 3.0 ** (trial % _WIDEST)
             at[1 : 1 + len(own)] = own
@@ -463,8 +467,9 @@ class _Graph:
             targets = np.append(_target(kind, trial), off)
             steep, lacks = np.zeros((1, 1)), np.ones(1, dtype=bool)
             for _ in range(_NEWTON):
-                levels = np.array(of.look(at)[1]).ravel()[rows]
-                steep = np.array(of.slopes(at))[rows] * size[first:]
+                levels = of.look(at)[1][rows]
+                slopes = of.slopes(at)[0].reshape(len(of.nested), -1, order="F")
+                steep = slopes[rows] * size[first:]
                 lacks = np.abs(levels - targets) > _AT_GUARD * np.linalg.norm(steep, axis=1)
                 if not lacks.any() or not np.all(np.isfinite(steep)):
                     break
@@ -475,12 +480,13 @@ class _Graph:
             direction = np.zeros(len(at))
             if found_there:
                 direction[first:] = size[first:] * steep[0] / np.linalg.norm(steep[0])
-            sides, values = [], np.array(of.look(at)[0]).ravel()
+            sides, values = [], of.look(at)[0].copy()
             for values[k] in _around(kind, float(targets[0])):
-                sides.append(np.array(of.right(at, values)).ravel())
-                beyond = [of.right(at + off * direction, values) for off in (-_BEYOND, _BEYOND)]
-                if not np.all(np.isfinite(np.array(beyond))):
-                    return np.zeros_like(found)  # a held value is undefined where a step may look
+                sides.append(of.right(at, values)[0].copy())
+                for off in (-_BEYOND, _BEYOND):
+                    # a held value may be undefined where a step may look
+                    if not np.isfinite(of.right(at + off * direction, values)[0]).all():
+                        return np.zeros_like(found)
             largest = np.maximum(*map(np.abs, sides))
             rounding = _ROUNDING * largest.max(initial=0.0)
             found |= np.abs(sides[1] - sides[0]) > np.maximum(_JUMP * largest, rounding)

@@ -154,7 +154,7 @@ def test_point_contact_takes_any_rise():
         exact_elastica("point_contact", 100.0)
 
 
-@pytest.mark.parametrize("rise", [0.3, 0.7, 1.5])
+@pytest.mark.parametrize("rise", [0.3, pytest.param(0.7, marks=pytest.mark.slow), 1.5])
 def test_of_all_lengths_the_sleeve_s_has_the_least_energy(rise: float):
     free, exact = solve("sleeve", rise), exact_elastica("sleeve", rise)
     least = free.at([1.0])[4, 0]

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +196,19 @@ def test_too_little_current_is_told():
     assert any(words in text and "ampere-turns" in text for text in weak.trust["warnings"])
 
 
+@cache
+def quick_fit() -> row_currents.RowFit:
+    return load_scene(INVERSE, list(QUICK)).table.fit
+
+
+@pytest.fixture
+def fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The currents of QUICK are found once: what follows does not change them."""
+    found = quick_fit()
+    monkeypatch.setattr(coil_inverse, "fit_currents", lambda *_, **__: found)
+
+
+@pytest.mark.usefixtures("fitted")
 @pytest.mark.parametrize(
     ("residual", "words"),
     [(1.0, "worse than a constant field"), (0.7, "far from the wanted"), (0.5, "")],
@@ -207,6 +221,7 @@ def test_a_poor_field_is_told(residual: float, words: str, monkeypatch: pytest.M
     assert all(words in text and "a smaller wave" in text for text in told)
 
 
+@pytest.mark.usefixtures("fitted")
 def test_a_film_that_newton_did_not_solve_is_unknown(monkeypatch: pytest.MonkeyPatch):
     film = carried_film(CosineWave(0.1), np.zeros(64), 0.1)
     assert film is not None
@@ -241,6 +256,7 @@ def test_currents_not_found_are_a_failure(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert main([*arguments, *(part for change in QUICK for part in ("--set", change))]) == 3
 
 
+@pytest.mark.usefixtures("fitted")
 def test_a_field_of_currents_that_is_not_confirmed_fails(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(coil_inverse, "field_by_quadrature", wrong_field)
     result = solved(INVERSE, *QUICK)

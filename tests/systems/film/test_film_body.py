@@ -126,7 +126,7 @@ def test_a_thin_plate_without_friction_goes_with_the_mean_flow(delta: float) -> 
     assert drift == pytest.approx(3 * delta**2 / (2 + delta**2), abs=1e-12)
 
 
-@pytest.mark.parametrize("delta", [0.2, 0.5, 0.8])
+@pytest.mark.parametrize("delta", [0.2, pytest.param(0.5, marks=pytest.mark.slow), 0.8])
 def test_the_least_friction_that_holds_it(delta: float) -> None:
     """The push 3 (h + C) / h² is largest at h = -2 C, or on the crest, and least in the trough."""
     C = -2 * (1 - delta**2) / (2 + delta**2)

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from typing import Any
 
@@ -61,6 +62,7 @@ def family(
     return gait_family(name, WORM, REST, [change], amplitudes, ground=LAW, held=phases)
 
 
+@cache
 def library(radius: float = 0.05, amplitudes: tuple[float, ...] = (0.5, 1.0)) -> Library:
     families = (
         family("ahead", (0.4, 0.4, 0.0), AHEAD, amplitudes),
@@ -71,10 +73,15 @@ def library(radius: float = 0.05, amplitudes: tuple[float, ...] = (0.5, 1.0)) ->
     return Library(families, radius)
 
 
-ALL = library()
-RIGHT = family("right", (0.4, 0.4, -1.0), AHEAD, (1.0,))
-SIDES = Library((RIGHT, *(replace(f, amplitudes=(1.0,)) for f in ALL.families)), 0.05)
-SWAPPED = Library(tuple(SIDES.families[k] for k in (2, 1, 0, 4, 3)), 0.05)
+@cache
+def sides() -> Library:
+    right = family("right", (0.4, 0.4, -1.0), AHEAD, (1.0,))
+    return Library((right, *(replace(f, amplitudes=(1.0,)) for f in library().families)), 0.05)
+
+
+@cache
+def swapped() -> Library:
+    return Library(tuple(sides().families[k] for k in (2, 1, 0, 4, 3)), 0.05)
 
 
 STRETCH, LAW_BACK = [[0.4, 0.0], [0.4, 0.4], [0.0, 0.4]], Elliptic(1.0, 3.0, 2.0)
@@ -135,7 +142,7 @@ def test_distance_to_obstacles_is_that_of_points_along_links(seed: int, kind: in
 @given(SEEDS, st.integers(0, 7))
 def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number: int):
     noise = np.random.default_rng(seed)
-    step = ALL.steps[number]
+    step = library().steps[number]
     pose = np.array([*noise.uniform(-1, 1, 2), noise.uniform(-3, 3)])
     obstacles = [random_obstacle(noise, kind) for kind in range(3)]
     task = PathTask(pose, pose, NEAR, obstacles=obstacles)
@@ -154,7 +161,7 @@ def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number
 
 
 def test_masses_stay_within_the_slack_of_the_instants_kept():
-    for step in (ALL.steps[0], ALL.steps[-1], crawled("crawl", 0.6).make(1.0)):
+    for step in (library().steps[0], library().steps[-1], crawled("crawl", 0.6).make(1.0)):
         if isinstance(step.motion, KinematicMotion):
             motion = step.motion.stroke, step.motion.phases
             tau, places = simulate_held(step.points[0], *motion, looks=300, accuracy=1e-8)
@@ -232,9 +239,11 @@ def test_routes_come_cheapest_first_and_end_near_the_goal():
     task = PathTask(np.zeros(3), np.array([1.5, 0.3, 0.4]), NEAR)
     looked = Looked()
     seen = []
-    for route in routes(task, ALL, NEAR, SearchOptions("work", (0.02, 0.02), most=400), looked):
+    for route in routes(
+        task, library(), NEAR, SearchOptions("work", (0.02, 0.02), most=400), looked
+    ):
         seen.append(route.cost)
-        end = chained(task.start, [ALL.steps[k] for k in route.steps])[-1]
+        end = chained(task.start, [library().steps[k] for k in route.steps])[-1]
         assert np.abs(end - route.end).max() < 1e-12
         assert NEAR.met(task.off(end))
     assert len(seen) > 2
@@ -256,8 +265,8 @@ def test_turned_and_mirrored_tasks_have_the_same_routes(seed: int):
     def first(start: np.ndarray, end: np.ndarray, lib: Library) -> Route | None:
         return next(routes(PathTask(start, end, NEAR), lib, NEAR, options, Looked()), None)
 
-    one, turned = first(np.zeros(3), goal, SIDES), first(moved, compose(moved, goal), SIDES)
-    other = first(np.zeros(3), mirrored(goal), SWAPPED)
+    one, turned = first(np.zeros(3), goal, sides()), first(moved, compose(moved, goal), sides())
+    other = first(np.zeros(3), mirrored(goal), swapped())
     assume(one is not None)
     assert one is not None
     assert turned is not None
@@ -271,7 +280,7 @@ def test_turned_and_mirrored_tasks_have_the_same_routes(seed: int):
 @given(SEEDS)
 def test_the_path_does_not_hang_on_where_it_begins(seed: int):
     noise = np.random.default_rng(seed)
-    middle = [ALL.families[k].make(0.75) for k in (0, 1, 3, 0)]
+    middle = [library().families[k].make(0.75) for k in (0, 1, 3, 0)]
     goal, disc = chained(np.zeros(3), middle)[-1], np.array([0.6, -0.6])
     moved = np.array([*noise.uniform(-5, 5, 2), noise.uniform(-3, 3)])
     found = []
@@ -280,7 +289,7 @@ def test_the_path_does_not_hang_on_where_it_begins(seed: int):
         task = PathTask(
             base, compose(base, goal), FINE, obstacles=[Disc((centre[0], centre[1]), 0.3)]
         )
-        found.append(plan_path(task, ALL, Tolerance(0.2, 0.2), cost="steps", most=2000))
+        found.append(plan_path(task, library(), Tolerance(0.2, 0.2), cost="steps", most=2000))
     one, other = found
     assert one.route.steps == other.route.steps
     back = compose(inverse(moved), other.poses)
@@ -338,7 +347,7 @@ def test_a_path_of_crawls_and_held_steps_ends_in_its_pose_when_simulated():
 
 @pytest.mark.slow
 def test_polish_ends_in_the_goal_and_costs_least_of_what_is_near():
-    fits = [Fitted(f, "work") for f in ALL.families]
+    fits = [Fitted(f, "work") for f in library().families]
     route = [fits[0], fits[3], fits[0], fits[1], fits[0]]
     own = zip(route, (0.7, 0.6, 0.9, 0.8, 0.7), strict=True)
     goal = chained(np.zeros(3), [fit.family.make(a) for fit, a in own])[-1]
@@ -360,7 +369,7 @@ def test_a_path_past_a_disc_ends_in_its_pose_and_touches_nothing_when_simulated(
     task = PathTask(
         np.zeros(3), np.array([3.0, 0.2, 0.0]), FINE, obstacles=obstacles, clearance=0.01
     )
-    path = plan_path(task, ALL, NEAR, cost="steps", cell=(0.1, 0.1))
+    path = plan_path(task, library(), NEAR, cost="steps", cell=(0.1, 0.1))
     course = simulate_path(path, looks=16)
     assert FINE.met(task.off(course.pose))
     assert least_distance(course.places, obstacles) >= 0.05 + 0.01
@@ -371,11 +380,11 @@ def test_a_path_past_a_disc_ends_in_its_pose_and_touches_nothing_when_simulated(
 def test_places_on_the_way_and_corridors_are_kept():
     goal = np.array([1.6, 0.0, 0.0])
     via = PathTask(np.zeros(3), goal, FINE, via=[(0.9, 0.35)], via_radius=0.1)
-    path = plan_path(via, ALL, NEAR, cost="steps", cell=(0.1, 0.1))
+    path = plan_path(via, library(), NEAR, cost="steps", cell=(0.1, 0.1))
     assert np.hypot(*(path.poses[:, :2] - (0.9, 0.35)).T).min() <= 0.1
     line = Corridor(((-1.3, 0.0), (1.7, 0.0)), 0.05)
     straight = PathTask(np.zeros(3), goal, FINE, corridor=line)
-    path = plan_path(straight, ALL, NEAR, cost="steps", cell=(0.1, 0.1))
+    path = plan_path(straight, library(), NEAR, cost="steps", cell=(0.1, 0.1))
     places = simulate_path(path, looks=8).places
     assert np.abs(places[..., 1]).max() <= 0.05
 
@@ -390,28 +399,28 @@ def test_no_path_is_told_from_no_end_of_the_search():
         plan_path(task, one, NEAR)
     assert refused.value.code == "no_path"
     with pytest.raises(SolveError, match="30 poses were searched, none near"):
-        plan_path(task, ALL, NEAR, most=30)
+        plan_path(task, library(), NEAR, most=30)
 
 
 def test_ends_that_touch_are_refused_before_any_search():
     goal = PathTask(np.zeros(3), np.array([2.0, 0, 0]), FINE, obstacles=[Disc((2.0, 0.3), 0.4)])
     with pytest.raises(SolveError, match=r"at the goal the body lacks 0\.15"):
-        plan_path(goal, ALL, NEAR)
+        plan_path(goal, library(), NEAR)
     block = Block(((-3, -3), (3, -3), (3, 3), (-3, 3)))
     start = PathTask(np.zeros(3), np.array([9.0, 0, 0]), FINE, obstacles=[block])
     with pytest.raises(SolveError, match="at the start"):
-        plan_path(start, ALL, NEAR)
+        plan_path(start, library(), NEAR)
 
 
 def test_steps_of_other_shapes_do_not_share_a_library():
     other = gait_family("other", WORM, (0.5, 0.6, 0.0), [(0.4, 0.4, 0.0)], (1.0,), held=AHEAD)
     with pytest.raises(ArgumentError, match="'other' does not begin and end in the shape"):
-        Library((ALL.families[0], other))
+        Library((library().families[0], other))
 
 
 def test_a_start_in_its_goal_needs_no_step():
     task = PathTask(np.zeros(3), np.array([0.0, 0.0, 2 * np.pi]), FINE)
-    path = plan_path(task, ALL, NEAR, most=10)
+    path = plan_path(task, library(), NEAR, most=10)
     assert path.steps == ()
 
 
@@ -523,7 +532,7 @@ def test_the_packaged_path_goes_through_the_gap_and_is_least_by_what_is_asked():
 
 
 def test_gait_steps_say_what_they_take():
-    straight = ALL.steps[1]
+    straight = library().steps[1]
     assert isinstance(straight, GaitStep)
     assert straight.time == pytest.approx(0.8)
     # tail pinned: 0.4 and 0.8 ahead, then head pinned: again, against 1 each
@@ -547,6 +556,6 @@ def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]):
 def test_few_steps_straight_ahead_suffice(goal: float, steps: int) -> None:
     """A step goes 0.8 of its amplitude in as much time, so the least time is the distance."""
     task = PathTask(np.zeros(3), np.array([goal, 0.0, 0.0]), NEAR)
-    plan = plan_path(task, ALL, NEAR, cost="time", cell=(0.05, 0.05))
+    plan = plan_path(task, library(), NEAR, cost="time", cell=(0.05, 0.05))
     assert len(plan.steps) == steps
     assert sum(step.time for step in plan.steps) == pytest.approx(goal, rel=1e-9)

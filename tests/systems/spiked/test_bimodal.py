@@ -196,7 +196,7 @@ def by_time_stepping(
     return advance, impulse / gait.period
 
 
-@pytest.mark.parametrize("load", [0.5, 8.0, 60.0])
+@pytest.mark.parametrize("load", [0.5, pytest.param(8.0, marks=pytest.mark.slow), 60.0])
 def test_unequal_masses_against_time_stepping(load: float):
     gait = harmonics([0.3, 0.2 + 0.1j, -0.2j, 0.1 - 0.2j])
     mass = [1.0, 0.4, 2.0, 0.7, 1.6]

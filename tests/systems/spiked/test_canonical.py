@@ -53,7 +53,7 @@ def lengths(found: Design) -> np.ndarray:
 @pytest.mark.parametrize(
     ("name", "times", "accepted"),
     [
-        ("design_fast_gait", 2, 1e-6),
+        ("design_fast_gait", 1, 1e-6),
         pytest.param("design_uphill_gait", 3, 1e-6, marks=pytest.mark.slow),
         # its speed has a round top: a share of 1e-12 of it moves phases by its root
         pytest.param("design_spike_limited", 3, 2e-5, marks=pytest.mark.slow),

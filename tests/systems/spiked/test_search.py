@@ -63,6 +63,7 @@ def test_a_long_period_is_filled_by_the_cycles_that_suit_it(period: float):
     assert found.speed >= max(tiled) * (1 - 1e-9)
 
 
+@pytest.mark.slow  # test_search_ends.py searches all orders for a range of periods
 def test_a_search_of_all_orders_finds_them_too():
     found = design(G1_WORM, G1_LIMITS.vary(period=4.0), search=Search(effort="quick"))
     assert found.speed >= 0.86917

@@ -110,6 +110,7 @@ def test_excess_is_least_where_its_row_says():
     assert best.x[:2] == pytest.approx([0.8, 0.2], abs=1e-9)
 
 
+@pytest.mark.slow  # test_search.py has one link by hand
 def test_slow_gaits_spend_nothing_but_the_work_against_the_load():
     """Net work per distance is 15 for every gait, and a bound on what is spent."""
     found = design(G1_WORM, G1_LIMITS, "energy_per_distance", speed=0.4, search=QUICK)

@@ -277,7 +277,7 @@ def by_hand(cosines: np.ndarray, sines: np.ndarray, law: Any, V: float) -> tuple
     return V, x
 
 
-@pytest.mark.parametrize("forward", [0.006, 0.015])
+@pytest.mark.parametrize("forward", [0.006, pytest.param(0.015, marks=pytest.mark.slow)])
 def test_the_exact_motion_against_one_by_hand(forward: float):
     of_the_scene = forward == 0.006
     result = solved() if of_the_scene else solved(f"worm.friction.forward={forward}")

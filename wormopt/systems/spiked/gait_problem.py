@@ -361,7 +361,8 @@ class Search(Given):
     --------
     >>> import wormopt as wo
     >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> found = wo.design(wo.Worm(links=2, load=5.0), limits, search=Search(effort="quick", seed=1))
+    >>> search = Search(effort="quick", sequence=((0,), (1,), (2,)))
+    >>> found = wo.design(wo.Worm(links=2, load=5.0), limits, search=search)
     >>> round(found.speed, 6)
     0.825667
     """  # noqa: E501
