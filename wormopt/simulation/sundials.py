@@ -113,11 +113,14 @@ class _Grid:
         """Parts between two times of the grid in which an integrator may succeed, or get farther.
 
         At a break its error test may fail for good, since its steps know the motion before. Without
-        breaks, halves find the time reached.
+        breaks, shorter and shorter parts find the time reached: eighths, since steps gather there,
+        and are taken again in every part that fails.
         """
         now = self.scheduled[:, first:end]
         at = first + 1 + np.flatnonzero(np.any(now[:, 1:] != now[:, :-1], axis=0))
-        ends = [first, *(at.tolist() or [(first + end) // 2]), end]
+        if not at.size:
+            at = np.linspace(first, end, 9).astype(int)[1:-1]
+        ends = np.unique([first, *at, end]).tolist()
         return list(pairwise(ends))
 
 
