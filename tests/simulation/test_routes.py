@@ -1,6 +1,7 @@
 """All routes give the same motion: compiled steps, the same steps in Python, CVODES and IDAS."""
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,11 +24,14 @@ from on_routes import (
 from worms import TRACKED
 
 from tests.benchmarks.cases import mag2
+from wormopt.control.drive import drive
 from wormopt.control.lambda_tracker import Feedback, lambda_tracker
 from wormopt.control.loop import gait_reference
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
+from wormopt.model.gait import Gait
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.model.schedule import Schedule
+from wormopt.simulation import sundials
 from wormopt.simulation.native.build import CompilerError
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
@@ -385,3 +389,24 @@ def test_random_chains_move_alike(seed: int):
     a, b = (simulate(model, 6.0, times=t, tolerance=SHARP, route=route) for route in STEPPING)
     assert_same(a, b, within=1e-8)
     assert_lawful(b)
+
+
+def test_implicit_steps_that_fail_at_breaks_begin_again_there(monkeypatch: pytest.MonkeyPatch):
+    """Not at halves of the time, each of which would fail again at the breaks within."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    plant = Model("lag", [Signal("x", x, value=0.0)], u - x, u=[Signal("u", u)])
+    pushes = Gait(np.array([0.0, 0.3, 0.5, 2.0]), np.array([[[1.0]], [[3.0]], [[-1.0]]]))
+    lag = drive(plant, pushes)
+    known = simulate(lag, 2.0, times=[2.0], route="cvodes")["x"]
+    advance, calls = sundials._advance, []
+
+    def failing(run: Any, solver: Any, guess: Any, first: int, end: int) -> Any:
+        pieces = np.unique(run.grid.scheduled[:, first:end], axis=1).shape[1]
+        calls.append(pieces)
+        if pieces > 1:
+            raise RuntimeError
+        return advance(run, solver, guess, first, end)
+
+    monkeypatch.setattr(sundials, "_advance", failing)
+    assert simulate(lag, 2.0, times=[2.0], route="cvodes")["x"] == pytest.approx(known, rel=1e-6)
+    assert calls == [3, 1, 1, 1]

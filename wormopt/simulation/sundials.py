@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import casadi as ca
@@ -107,6 +108,20 @@ class _Grid:
             along = task.directions.scheduled(task.system.n_fixed, task.schedules, middle)
             along = along[task.system.n_fixed :].swapaxes(0, 1).reshape(-1, len(middle))
             self.scheduled = np.vstack([self.scheduled, along])
+
+    def parts(self, first: int, end: int) -> list[tuple[int, int]]:
+        """Parts between two times of the grid in which an integrator may succeed, or get farther.
+
+        At a break its error test may fail for good, since its steps know the motion before. Without
+        breaks, shorter and shorter parts find the time reached: eighths, since steps gather there,
+        and are taken again in every part that fails.
+        """
+        now = self.scheduled[:, first:end]
+        at = first + 1 + np.flatnonzero(np.any(now[:, 1:] != now[:, :-1], axis=0))
+        if not at.size:
+            at = np.linspace(first, end, 9).astype(int)[1:-1]
+        ends = np.unique([first, *at, end]).tolist()
+        return list(pairwise(ends))
 
 
 def _pieces(schedule: Schedule, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
@@ -203,9 +218,8 @@ def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report
             run.status = "interrupted"
             break
         except RuntimeError as failure:
-            if end - first > 1:  # find the time reached
-                middle = (first + end) // 2
-                todo += [(middle, end), (first, middle)]
+            if end - first > 1:
+                todo += grid.parts(first, end)[::-1]
                 continue
             run.status = _why(task, relative)
             if "TOO_MUCH_WORK" in str(failure):

@@ -244,6 +244,26 @@ def test_the_scene_is_trusted_and_agrees_with_scipys_radau() -> None:
     assert h.max() - layer.depth > 0.1 * layer.depth
 
 
+@pytest.mark.parametrize("name", ["fig24_travelling_wave", "coil_cargo"])
+def test_terms_of_the_field_stand_for_the_currents(name: str) -> None:
+    study = load_scene(name, ["coils.count=4", "grid.cells=4"]).table
+    setup = study.setup(study.layer)
+    rng = np.random.default_rng(1)
+    x = [rng.uniform(0, 0.1, s.size) * s.nominal for s in setup.model().x]
+    currents = rng.normal(scale=1000.0, size=4)
+    rates = []
+    for model, given in (
+        (setup.model(), currents),
+        (setup.model_by_terms(), setup.field.terms(currents)),
+    ):
+        states = ca.vertcat(*(signal.symbol for signal in model.x))
+        f = ca.Function("f", [states, model.u[0].symbol], [model.ode])
+        rates.append(np.array(f(np.concatenate(x), given)).ravel())
+    assert rates[1] == pytest.approx(rates[0], rel=1e-9, abs=1e-12 * np.abs(rates[0]).max())
+    # between two equal coils the field along the row and up vanishes in the middle
+    assert len(setup.field.terms(currents)) == setup.field.series[0, ..., 0].size
+
+
 @pytest.mark.slow
 def test_coils_that_are_too_strong_fail_with_the_reason() -> None:
     result = wo.run(load_scene("fig24_travelling_wave", [*SHORT, "film.top=1.2"]))

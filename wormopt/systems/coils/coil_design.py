@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from functools import cached_property, partial
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from wormopt.errors import ArgumentError, Fault, SolveError
 from wormopt.result import Check
@@ -242,35 +242,46 @@ class CoilDesign(OverCoils, kind="coil-design"):
         return np.linspace(0.0, self.time.end, self.time.samples)
 
     @stage
-    def mean_field_motion(self) -> Trajectory:
-        return self.carried_by(self.contest.wave)
+    def rivals_and_second_integrator(self) -> tuple[Ride, Ride, float]:
+        """Rides under the best mean-field currents and the best block; the check of the design."""
+        alone = structs.replace(self)  # without what is computed already, as it is sent
+        jobs = [
+            partial(travel_by_radau, self.finer, self.design),
+            *(
+                partial(_ride, alone, one.pattern)
+                for one in (self.contest.wave, self.contest.block)
+            ),
+        ]
+        travel, wave, block = self.workers.map(_called, jobs)
+        return wave, block, travel
 
-    @stage
-    def block_motion(self) -> Trajectory:
-        return self.carried_by(self.contest.block)
+    @property
+    def mean_field_ride(self) -> Ride:
+        """The float under the best mean-field currents."""
+        return self.rivals_and_second_integrator[0]
 
-    def carried_by(self, rival: Judged) -> Trajectory:
-        """Simulate film and float under the currents of a rival."""
-        currents = rival.pattern.course(self.coils.count)
-        return self.follow(currents, self.layer, self.grid.tolerance)
+    @property
+    def block_ride(self) -> Ride:
+        """The float under the best block."""
+        return self.rivals_and_second_integrator[1]
 
     # -- speed and power ---------------------------------------------------------------------------
 
     @scalar("speed", "mean speed of the float with the designed currents")
     def float_speed(self) -> float:
-        return _speed(self.motion)
+        return _ridden(self.motion).speed()
 
     @scalar("speed", "`float_speed` over the second half of the time")
     def late_speed(self) -> float:
-        return _speed(self.motion, len(self.instants) // 2)
+        return _ridden(self.motion).speed(len(self.instants) // 2)
 
     @scalar("speed", "mean speed with the best mean-field currents")
     def mean_field_speed(self) -> float:
-        return _speed(self.mean_field_motion)
+        return self.mean_field_ride.speed()
 
     @scalar("speed", "mean speed with the best plain block")
     def block_speed(self) -> float:
-        return _speed(self.block_motion)
+        return self.block_ride.speed()
 
     @scalar(
         "share", "gain over the best mean-field currents in speed, or in power if that is minimised"
@@ -340,19 +351,19 @@ class CoilDesign(OverCoils, kind="coil-design"):
 
     @array("time", "mean_field_time", "time")
     def mean_field_time(self) -> np.ndarray:
-        return self.mean_field_motion.time
+        return self.mean_field_ride.time
 
     @array("length", "mean_field_time", "position of the float's middle")
     def mean_field_position(self) -> np.ndarray:
-        return self.mean_field_motion["position"][0]
+        return self.mean_field_ride.position
 
     @array("time", "block_time", "time")
     def block_time(self) -> np.ndarray:
-        return self.block_motion.time
+        return self.block_ride.time
 
     @array("length", "block_time", "position of the float's middle")
     def block_position(self) -> np.ndarray:
-        return self.block_motion["position"][0]
+        return self.block_ride.position
 
     # -- the trust report --------------------------------------------------------------------------
 
@@ -365,10 +376,6 @@ class CoilDesign(OverCoils, kind="coil-design"):
         ends = (one["position"][0, -1] for one in (self.smaller_steps, self.half_the_cells))
         return float(abs(np.subtract(*ends)) / self.cargo.length)
 
-    @stage
-    def travel_by_second_integrator(self) -> float:
-        return travel_by_radau(self.finer, self.design)
-
     @check(
         1e-2,
         "with SciPy's Radau the float ends {value:.2g} of its length elsewhere; lower "
@@ -377,7 +384,7 @@ class CoilDesign(OverCoils, kind="coil-design"):
     )
     def off_by_second_integrator(self) -> float:
         travel = self.float_position[-1] - self.cargo.start
-        return float(abs(self.travel_by_second_integrator - travel) / self.cargo.length)
+        return float(abs(self.rivals_and_second_integrator[2] - travel) / self.cargo.length)
 
     @check(1 + 1e-9, "currents reach {value:.4g} of a limit")
     def limits(self) -> float:
@@ -449,9 +456,33 @@ class CoilDesign(OverCoils, kind="coil-design"):
             yield f"the rate is at an end of pattern.frequency: {self.rate:.3g}; widen it"
 
 
-def _speed(motion: Trajectory, begin: int = 0) -> float:
-    X, t = motion["position"][0], motion.time
-    return float((X[-1] - X[begin]) / (t[-1] - t[begin]))
+class Ride(NamedTuple):
+    """Path of a float."""
+
+    time: np.ndarray
+    position: np.ndarray
+
+    def speed(self, begin: int = 0) -> float:
+        """Mean speed from the sample `begin` on."""
+        X, t = self.position, self.time
+        return float((X[-1] - X[begin]) / (t[-1] - t[begin]))
+
+
+def _ridden(motion: Trajectory) -> Ride:
+    return Ride(motion.time, motion["position"][0])
+
+
+def _ride(study: CoilDesign, pattern: Pattern) -> Ride:
+    """Simulate film and float under a pattern."""
+    currents = pattern.course(study.coils.count)
+    try:
+        return _ridden(study.follow(currents, study.layer, study.grid.tolerance))
+    except SolveError as error:  # a Trajectory cannot be sent
+        raise SolveError(error.reason, error.suggestion, code=error.code) from None
+
+
+def _called(job: Callable[[], Any]) -> Any:
+    return job()
 
 
 def _summary(one: Judged) -> dict[str, Any]:

@@ -340,7 +340,7 @@ def _heap(layer: Layer, length: float) -> float:
 
 
 _DEGREES = (4, 8, 10, 14, 24)
-_RESOLVED = 1e-7
+_RESOLVED, _ROUNDING = 1e-7, 1e-12
 _STEPS = 200_000
 
 
@@ -382,19 +382,41 @@ class RowField:
 
     def __call__(self, z: Any, currents: Any) -> list[Any]:
         """Return components (cells,) of H, in A/m, at heights (cells,) above the ground."""
-        place = 2 * z / self.top - 1
-        return [self._sum(part, place, currents) for part in self.series]
+        return self.by_terms(z, self.terms(currents))
 
-    def _sum(self, part: np.ndarray, place: Any, currents: Any) -> Any:
-        if not part.any():
-            return 0 * place
-        symbolic = isinstance(currents, ca.SX)
-        terms = [ca.mtimes(ca.DM(c), currents) if symbolic else c @ currents for c in part]
-        # Clenshaw's rule
-        one, two = 0.0 * place, 0.0 * place
-        for term in terms[:0:-1]:
-            one, two = 2 * place * one - two + term, one
-        return place * one - two + terms[0]
+    def terms(self, currents: Any) -> Any:
+        """Return the coefficients of all polynomials that are not 0, under currents (coils, ...).
+
+        Currents are few and coefficients many: simulations take coefficients of each piece of
+        time, not a sum over the coils in every evaluation.
+        """
+        kept = self.series[self._present].reshape(-1, self.series.shape[-1])
+        if isinstance(currents, ca.SX):
+            return ca.mtimes(ca.DM(kept), currents)
+        return np.tensordot(kept, currents, 1)
+
+    def by_terms(self, z: Any, terms: Any) -> list[Any]:
+        """Return the components of `__call__`, from the coefficients."""
+        _, count, cells, _ = self.series.shape
+        place, first, found = 2 * z / self.top - 1, 0, []
+        for present in self._present:
+            rows = range(first, first + (count * cells if present else 0), cells)
+            found.append(_clenshaw([terms[k : k + cells] for k in rows], place))
+            first = rows.stop
+        return found
+
+    @property
+    def _present(self) -> np.ndarray:
+        """Which components are not 0."""
+        return np.array([part.any() for part in self.series])
+
+
+def _clenshaw(terms: Sequence[Any], place: Any) -> Any:
+    """Return the Chebyshev series with coefficients `terms`, from degree 0 on, at `place`."""
+    one, two = 0.0 * place, 0.0 * place
+    for term in terms[:0:-1]:
+        one, two = 2 * place * one - two + term, one
+    return place * one - two + terms[0] if terms else one
 
 
 @lru_cache(maxsize=4)
@@ -410,7 +432,9 @@ def row_field(row: CoilRow, layer: Layer, ground: float, top: float) -> RowField
         values = row.influence(x.ravel(), z.ravel()).reshape(3, degree + 1, -1)
         weights = np.linalg.inv(chebyshev.chebvander(nodes, degree))
         series = np.einsum("jk,ckm->cjm", weights, values)
-        if np.abs(series[:, -2:]).max() <= _RESOLVED * np.abs(series).max():
+        sizes = np.abs(series).max(axis=(1, 2))
+        if np.abs(series[:, -2:]).max() <= _RESOLVED * sizes.max():
+            series[sizes <= _ROUNDING * sizes.max()] = 0.0  # components that vanish by symmetry
             return RowField(series.reshape(3, degree + 1, layer.cells, row.count), top)
     raise ArgumentError(
         "a winding is so near to the film that its field is not resolved there; give a ground "
@@ -438,17 +462,28 @@ def coil_film(
     """
     if not (math.isfinite(ground) and top > layer.depth):
         raise ArgumentError("ground must be finite, and top above the depth")
-    field = row_field(row, layer, ground, top)
-    current = ca.SX.sym("current", row.count)
+    field, current = row_field(row, layer, ground, top), ca.SX.sym("current", row.count)
+    given = Signal("current", current, "ampere_turns", value=0.0)
+    return _film_by_terms(layer, field, given, field.terms(current), cargo, own_field=own_field)
+
+
+def _film_by_terms(
+    layer: Layer,
+    field: RowField,
+    given: Signal,
+    terms: ca.SX,
+    cargo: Float | None,
+    *,
+    own_field: bool,
+) -> Model:
+    """Return the Model of `coil_film` with the input `given`, on which coefficients depend."""
 
     def drawn(h: ca.SX, slope: ca.SX) -> Any:
-        H = field(h, current)
-        return surface_pull(layer.fluid, H, slope, own_field=own_field)
+        return surface_pull(layer.fluid, field.by_terms(h, terms), slope, own_field=own_field)
 
-    given = [Signal("current", current, "ampere_turns", value=0.0)]
-    return (
-        floated_film(layer, drawn, cargo, u=given) if cargo else surface_film(layer, drawn, u=given)
-    )
+    if cargo:
+        return floated_film(layer, drawn, cargo, u=[given])
+    return surface_film(layer, drawn, u=[given])
 
 
 @dataclass(frozen=True)
@@ -470,6 +505,19 @@ class FilmSetup:
             cargo=self.cargo,
         )  # fmt: skip
 
+    @property
+    def field(self) -> RowField:
+        """Field of the row."""
+        return row_field(self.row, self.layer, self.ground, self.top)
+
+    def model_by_terms(self) -> Model:
+        """Return the Model with `terms` of the field as input, evaluated several times faster."""
+        terms = ca.SX.sym("terms", len(self.field.terms(np.zeros(self.row.count))))
+        given = Signal("terms", terms, "magnetic_field", value=0.0)
+        return _film_by_terms(
+            self.layer, self.field, given, terms, self.cargo, own_field=self.own_field
+        )
+
     def simulate(
         self, currents: Gait, times: np.ndarray, tolerance: float, report: Report
     ) -> Trajectory:
@@ -484,7 +532,8 @@ class FilmSetup:
 
 @lru_cache(maxsize=4)  # shorter steps need no other model
 def _driven(setup: FilmSetup, currents: Gait) -> Model:
-    return drive(setup.model(), currents, periodic=True)
+    terms = np.moveaxis(setup.field.terms(np.moveaxis(currents.polynomial, 1, 0)), 0, 1)
+    return drive(setup.model_by_terms(), Gait(currents.breaks, terms), periodic=True)
 
 
 def surface_pull(fluid: Fluid, H: Sequence[Any], slope: Any, *, own_field: bool) -> Any:

@@ -168,7 +168,7 @@ def _held(nodes: np.ndarray, form: Form) -> np.ndarray:
 class Rides(FilmSetup):
     """A float on a film over a row, for a given time from a flat film, under patterns.
 
-    The Model is that of one piece of a pattern, its length and currents as parameters: one
+    The Model is that of one piece of a pattern, its length and field as parameters: one
     integrator serves all pieces of all patterns.
     """
 
@@ -178,12 +178,12 @@ class Rides(FilmSetup):
 
     def speed(self, pattern: Pattern) -> float:
         """Return the mean speed in m/s; minus infinity if the simulation fails or leaves `top`."""
-        state, solver = np.zeros(self.layer.cells + 1), _solver(self)
+        state, solver, field = np.zeros(self.layer.cells + 1), _solver(self), self.field
         state[-2] = self.start / self.cargo.length
         for begin, slope, length in zip(
             *(part.T for part in pattern.pieces(self.row.count, self.time)), strict=True
         ):
-            inputs = np.concatenate([[length], begin, slope * length])
+            inputs = np.concatenate([[length], field.terms(begin), field.terms(slope * length)])
             try:
                 with interruptible():
                     state = np.array(solver(x0=state, p=inputs)["xf"]).ravel()
@@ -199,14 +199,15 @@ class Rides(FilmSetup):
 @lru_cache(maxsize=2)
 def _solver(rides: Rides) -> ca.Function:
     """Return the integrator over a piece, from 0 to 1; states of nominal size 1."""
-    film = rides.model()
+    film = rides.model_by_terms()
     moved = film.x[:3]  # volume, position, velocity; further states are not needed
     states = ca.vertcat(*(one.symbol for one in moved))
     scale = np.concatenate([np.full(one.size, one.nominal) for one in moved])
-    x, t, p = ca.SX.sym("x", len(scale)), ca.SX.sym("t"), ca.SX.sym("p", 2 * rides.row.count + 1)
-    length, begin, growth = ca.vertsplit(p, [0, 1, rides.row.count + 1, p.numel()])
+    terms = film.u[0]
+    x, t, p = ca.SX.sym("x", len(scale)), ca.SX.sym("t"), ca.SX.sym("p", 2 * terms.size + 1)
+    length, begin, growth = ca.vertsplit(p, [0, 1, terms.size + 1, p.numel()])
     (ode,) = ca.substitute(
-        [film.ode[: len(scale)]], [states, film.u[0].symbol], [x * scale, begin + growth * t]
+        [film.ode[: len(scale)]], [states, terms.symbol], [x * scale, begin + growth * t]
     )
     system = {"t": t, "x": x, "p": p, "ode": ca.cse(ode / scale * length)}
     options = {
@@ -224,7 +225,7 @@ def travel_by_radau(rides: Rides, pattern: Pattern) -> float:
     from scipy.integrate import solve_ivp  # needed by checks only
     from scipy.sparse import csc_array
 
-    film = rides.model()
+    film, field = rides.model_by_terms(), rides.field
     x = ca.vertcat(*(one.symbol for one in film.x[:3]))
     scale = np.concatenate([np.full(one.size, one.nominal) for one in film.x[:3]])
     given = [x, film.u[0].symbol]
@@ -234,14 +235,15 @@ def travel_by_radau(rides: Rides, pattern: Pattern) -> float:
     state[-2] = rides.start
     pieces = (part.T for part in pattern.pieces(rides.row.count, rides.time))
     for begin, slope, length in zip(*pieces, strict=True):
+        first, growth = field.terms(begin), field.terms(slope)
 
-        def current(t: float, begin: np.ndarray = begin, slope: np.ndarray = slope) -> np.ndarray:
-            return begin + slope * t
+        def terms(t: float, first: np.ndarray = first, growth: np.ndarray = growth) -> np.ndarray:
+            return first + growth * t
 
         found = solve_ivp(
-            lambda t, x, now=current: np.array(rate(x, now(t))).ravel(), (0.0, length), state,
+            lambda t, x, now=terms: np.array(rate(x, now(t))).ravel(), (0.0, length), state,
             method="Radau", rtol=_RADAU, atol=_RADAU * scale,
-            jac=lambda t, x, now=current: csc_array(slopes(x, now(t)).sparse()),
+            jac=lambda t, x, now=terms: csc_array(slopes(x, now(t)).sparse()),
         )  # fmt: skip
         if not found.success:
             return float("nan")
