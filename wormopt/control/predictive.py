@@ -232,7 +232,7 @@ def plan_mpc(
     bounds = program.bounds(levels[0], p=p)
     rows = stages.rows(sample(program, guess, bounds))
     course, count = Course(rows, rows[-1, stages.arc.layout.points][-stages.n_x :]), 0
-    quadratic = StageProgram(len(rows), stages.n_x, stages.n_u)
+    quadratic = stages.quadratic(len(rows))
     tail, first = Tail.none(stages.n_x), rows[0, stages.start].copy()
     step, given = Step(np.inf, np.inf, np.inf, solved=True), stages.given(bounds)
     for level in levels:
@@ -335,11 +335,8 @@ class PredictiveController:
         self.plan, self.decisions = plan, decisions
         self.course, self.given = plan.course, plan.given
         stages, n = plan.stages, len(plan.course.rows)
-        self._programs = {
-            size: StageProgram(size, stages.n_x, stages.n_u)
-            for size in range(1, min(decisions.horizon, n) + 1)
-        }
-        for size in self._programs:  # functions are made before they are timed
+        for size in range(1, min(decisions.horizon, n) + 1):  # made before they are timed
+            stages.quadratic(size)
             stages.linearise(plan.course.rows[:size], plan.given.part(slice(size)))
 
     def believe(self, p: np.ndarray) -> None:
@@ -354,7 +351,7 @@ class PredictiveController:
         stages, plan = self.plan.stages, self.plan
         n = len(plan.course.rows)
         last = min(k + self.decisions.horizon, n)
-        program, given = self._programs[last - k], self.given.part(slice(k, last))
+        program, given = stages.quadratic(last - k), self.given.part(slice(k, last))
         seen = Course(self.course.rows[k:last], self._state(self.course, last))
         planned, x = self._state(plan.course, last), state / stages.arc.x_nominal
         count, share, step = 0, 1.0, Step(np.inf, 0.0, np.inf, solved=True)

@@ -76,6 +76,13 @@ class Stages:
         self.v = [*self.start, *self.inputs]
         self.n_x, self.n_u, self.n_v = len(self.start), len(self.inputs), len(self.v)
         self._maps: dict[tuple[str, int], Call] = {}
+        self._programs: dict[int, StageProgram] = {}
+
+    def quadratic(self, arcs: int) -> StageProgram:
+        """Quadratic program of so many arcs, which all controllers of a plan share."""
+        if arcs not in self._programs:
+            self._programs[arcs] = StageProgram(arcs, self.n_x, self.n_u)
+        return self._programs[arcs]
 
     @property
     def input_limits(self) -> tuple[np.ndarray, np.ndarray]:

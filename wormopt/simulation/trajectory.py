@@ -11,6 +11,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.labelled import SampledMotion
 from wormopt.model.schedule import Schedule
+from wormopt.numerics.expressions import at_columns
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import KINDS
 from wormopt.simulation.variation import Directions, variation
@@ -363,7 +364,7 @@ class Trajectory(SampledMotion):
     def values(self, function: ca.Function, *further: np.ndarray) -> np.ndarray:
         """Values of a function of `System.observe` at the sample times.
 
-        In groups of samples: CasADi needs memory for all that it evaluates at once.
+        In groups of samples, since parameters are repeated for each.
 
         Parameters
         ----------
@@ -381,7 +382,8 @@ class Trajectory(SampledMotion):
             t, x = self.time[k : k + _CHUNK], self.states[:, k : k + _CHUNK]
             p = self.system.scheduled(self.p, self.schedules, t)
             more = [one[:, k : k + _CHUNK] for one in further]
-            found[:, k : k + _CHUNK] = function(t[None, :], x, p, self.s_at(t), *more)
+            values = at_columns(function, t[None, :], x, p, self.s_at(t), *more)
+            found[:, k : k + _CHUNK] = values
         return found
 
     def stick_intervals(self) -> list[tuple[str, float, float]]:
@@ -425,9 +427,7 @@ class Trajectory(SampledMotion):
         function = self.system.observe(expression)
 
         def sizes(t: np.ndarray) -> np.ndarray:
-            at = self.at(t)
-            p = at.system.scheduled(at.p, at.schedules, t)
-            return np.abs(np.array(function(t[None, :], at.states, p, self.s_at(t)))).max(axis=0)
+            return np.abs(self.at(t).values(function)).max(axis=0)
 
         ends = self.dense.time
         t = (ends[:-1, None] + np.diff(ends)[:, None] * _WITHIN).ravel()
