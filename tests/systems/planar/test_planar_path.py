@@ -56,6 +56,11 @@ TURN = Phase(0.5, held(1, 0)), Phase(1.0, held(1, 2))
 NEAR, FINE = Tolerance(0.3, 0.3), Tolerance(1e-8, 1e-8)
 
 
+def between_poses(start: Any, goal: Any, tolerance: Tolerance, **more: Any) -> PathTask:
+    """Return the task of a path; poses may be arrays, and obstacles a list."""
+    return PathTask(start, goal, tolerance, **more)
+
+
 def family(
     name: str, change: Sequence[float], phases: Sequence[Phase], amplitudes: Sequence[float]
 ) -> Family:
@@ -145,7 +150,7 @@ def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number
     step = library().steps[number]
     pose = np.array([*noise.uniform(-1, 1, 2), noise.uniform(-3, 3)])
     obstacles = [random_obstacle(noise, kind) for kind in range(3)]
-    task = PathTask(pose, pose, NEAR, obstacles=obstacles)
+    task = between_poses(pose, pose, NEAR, obstacles=obstacles)
     room = task.step_room(pose, step, 0.0)
     assert isinstance(step.motion, KinematicMotion)
     course = step.motion.course  # instants that the step does not keep
@@ -224,7 +229,7 @@ def test_search_finds_what_brute_force_finds(seed: int, cost: Cost):
     goal = goal + noise.uniform(-0.1, 0.1, 3)
     obstacles = [Disc((x, y), 0.3) for x, y in noise.uniform(-2.5, 2.5, (2, 2))]
     near = Tolerance(0.2, 0.2)
-    task = PathTask(np.zeros(3), goal, near, obstacles=obstacles)
+    task = between_poses(np.zeros(3), goal, near, obstacles=obstacles)
     best = by_brute_force(task, lib, near, cost)
     # a path of more than four steps may be cheaper by work or time: look at those of its cost only
     found = next(routes(task, lib, near, SearchOptions(cost, most=600), Looked()), None)
@@ -236,12 +241,10 @@ def test_search_finds_what_brute_force_finds(seed: int, cost: Cost):
 
 
 def test_routes_come_cheapest_first_and_end_near_the_goal():
-    task = PathTask(np.zeros(3), np.array([1.5, 0.3, 0.4]), NEAR)
+    task = between_poses(np.zeros(3), np.array([1.5, 0.3, 0.4]), NEAR)
     looked = Looked()
     seen = []
-    for route in routes(
-        task, library(), NEAR, SearchOptions("work", (0.02, 0.02), most=400), looked
-    ):
+    for route in routes(task, library(), NEAR, SearchOptions("work", (0.02, 0.02), most=400), looked):
         seen.append(route.cost)
         end = chained(task.start, [library().steps[k] for k in route.steps])[-1]
         assert np.abs(end - route.end).max() < 1e-12
@@ -263,7 +266,7 @@ def test_turned_and_mirrored_tasks_have_the_same_routes(seed: int):
     options = SearchOptions("time", (0.1, 0.1), most=300)
 
     def first(start: np.ndarray, end: np.ndarray, lib: Library) -> Route | None:
-        return next(routes(PathTask(start, end, NEAR), lib, NEAR, options, Looked()), None)
+        return next(routes(between_poses(start, end, NEAR), lib, NEAR, options, Looked()), None)
 
     one, turned = first(np.zeros(3), goal, sides()), first(moved, compose(moved, goal), sides())
     other = first(np.zeros(3), mirrored(goal), swapped())
@@ -286,7 +289,7 @@ def test_the_path_does_not_hang_on_where_it_begins(seed: int):
     found = []
     for base in (np.zeros(3), moved):
         centre = compose(base, [*disc, 0.0])[:2]
-        task = PathTask(
+        task = between_poses(
             base, compose(base, goal), FINE, obstacles=[Disc((centre[0], centre[1]), 0.3)]
         )
         found.append(plan_path(task, library(), Tolerance(0.2, 0.2), cost="steps", most=2000))
@@ -332,7 +335,7 @@ def test_a_path_of_crawls_and_held_steps_ends_in_its_pose_when_simulated():
     turn = gait_family("turn", WORM, (0.6, 0.6, 0.4), [(0.0, 0.0, 0.8)], (0.5, 1.0),
                        ground=LAW_BACK, held=TURN)  # fmt: skip
     post = Disc((1.2, -0.7), 0.2)
-    task = PathTask(np.zeros(3), np.array([2.6, 0.8, 0.3]), FINE, obstacles=[post])
+    task = between_poses(np.zeros(3), np.array([2.6, 0.8, 0.3]), FINE, obstacles=[post])
     path = plan_path(task, Library((*gaits, turn), 0.05), Tolerance(0.2, 0.2),
                      cost="work", cell=(0.05, 0.05))  # fmt: skip
     assert np.abs(path.off).max() < 1e-9
@@ -351,7 +354,7 @@ def test_polish_ends_in_the_goal_and_costs_least_of_what_is_near():
     route = [fits[0], fits[3], fits[0], fits[1], fits[0]]
     own = zip(route, (0.7, 0.6, 0.9, 0.8, 0.7), strict=True)
     goal = chained(np.zeros(3), [fit.family.make(a) for fit, a in own])[-1]
-    task = PathTask(np.zeros(3), goal, FINE)
+    task = between_poses(np.zeros(3), goal, FINE)
     first = np.full(5, 0.8)
     steps = polished(task, route, first, by_cost=True, accuracy=1e-12)
     assert steps is not None
@@ -366,7 +369,7 @@ def test_polish_ends_in_the_goal_and_costs_least_of_what_is_near():
 @pytest.mark.slow
 def test_a_path_past_a_disc_ends_in_its_pose_and_touches_nothing_when_simulated():
     obstacles = [Disc((1.2, 0.0), 0.35)]
-    task = PathTask(
+    task = between_poses(
         np.zeros(3), np.array([3.0, 0.2, 0.0]), FINE, obstacles=obstacles, clearance=0.01
     )
     path = plan_path(task, library(), NEAR, cost="steps", cell=(0.1, 0.1))
@@ -379,11 +382,11 @@ def test_a_path_past_a_disc_ends_in_its_pose_and_touches_nothing_when_simulated(
 @pytest.mark.slow
 def test_places_on_the_way_and_corridors_are_kept():
     goal = np.array([1.6, 0.0, 0.0])
-    via = PathTask(np.zeros(3), goal, FINE, via=[(0.9, 0.35)], via_radius=0.1)
+    via = between_poses(np.zeros(3), goal, FINE, via=[(0.9, 0.35)], via_radius=0.1)
     path = plan_path(via, library(), NEAR, cost="steps", cell=(0.1, 0.1))
     assert np.hypot(*(path.poses[:, :2] - (0.9, 0.35)).T).min() <= 0.1
     line = Corridor(((-1.3, 0.0), (1.7, 0.0)), 0.05)
-    straight = PathTask(np.zeros(3), goal, FINE, corridor=line)
+    straight = between_poses(np.zeros(3), goal, FINE, corridor=line)
     path = plan_path(straight, library(), NEAR, cost="steps", cell=(0.1, 0.1))
     places = simulate_path(path, looks=8).places
     assert np.abs(places[..., 1]).max() <= 0.05
@@ -393,7 +396,7 @@ def test_no_path_is_told_from_no_end_of_the_search():
     ring = [Capsule((x, y), (z, w), 0.1) for (x, y), (z, w) in (
         ((-2, -1), (1, -1)), ((1, -1), (1, 1)), ((1, 1), (-2, 1)), ((-2, 1), (-2, -1)),
     )]  # fmt: skip
-    task = PathTask(np.zeros(3), np.array([4.0, 0.0, 0.0]), FINE, obstacles=ring)
+    task = between_poses(np.zeros(3), np.array([4.0, 0.0, 0.0]), FINE, obstacles=ring)
     one = Library((family("ahead", (0.4, 0.4, 0.0), AHEAD, (1.0,)),), 0.05)
     with pytest.raises(SolveError, match="all 2 poses") as refused:
         plan_path(task, one, NEAR)
@@ -403,11 +406,13 @@ def test_no_path_is_told_from_no_end_of_the_search():
 
 
 def test_ends_that_touch_are_refused_before_any_search():
-    goal = PathTask(np.zeros(3), np.array([2.0, 0, 0]), FINE, obstacles=[Disc((2.0, 0.3), 0.4)])
+    goal = between_poses(
+        np.zeros(3), np.array([2.0, 0, 0]), FINE, obstacles=[Disc((2.0, 0.3), 0.4)]
+    )
     with pytest.raises(SolveError, match=r"at the goal the body lacks 0\.15"):
         plan_path(goal, library(), NEAR)
     block = Block(((-3, -3), (3, -3), (3, 3), (-3, 3)))
-    start = PathTask(np.zeros(3), np.array([9.0, 0, 0]), FINE, obstacles=[block])
+    start = between_poses(np.zeros(3), np.array([9.0, 0, 0]), FINE, obstacles=[block])
     with pytest.raises(SolveError, match="at the start"):
         plan_path(start, library(), NEAR)
 
@@ -419,7 +424,7 @@ def test_steps_of_other_shapes_do_not_share_a_library():
 
 
 def test_a_start_in_its_goal_needs_no_step():
-    task = PathTask(np.zeros(3), np.array([0.0, 0.0, 2 * np.pi]), FINE)
+    task = between_poses(np.zeros(3), np.array([0.0, 0.0, 2 * np.pi]), FINE)
     path = plan_path(task, library(), NEAR, most=10)
     assert path.steps == ()
 
@@ -511,7 +516,7 @@ test_scenes_that_cannot_be_are_refused_by_key = refusals(
 
 def test_a_goal_beyond_all_poses_is_refused_at_once():
     """Two links that stretch by 0.4 each move no mass farther than 0.8 in a step."""
-    task = PathTask(np.zeros(3), np.array([1e9, 0.0, 0.0]), FINE)
+    task = between_poses(np.zeros(3), np.array([1e9, 0.0, 0.0]), FINE)
     with pytest.raises(SolveError, match=r"the goal is 1.25e\+09 or more steps away") as refused:
         plan_path(task, library(), (0.3, 0.1))
     assert refused.value.code == "too_far"
@@ -555,7 +560,7 @@ def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]):
 @pytest.mark.parametrize(("goal", "steps"), [(0.6, 1), (1.3, 2)])
 def test_few_steps_straight_ahead_suffice(goal: float, steps: int) -> None:
     """A step goes 0.8 of its amplitude in as much time, so the least time is the distance."""
-    task = PathTask(np.zeros(3), np.array([goal, 0.0, 0.0]), NEAR)
+    task = between_poses(np.zeros(3), np.array([goal, 0.0, 0.0]), NEAR)
     plan = plan_path(task, library(), NEAR, cost="time", cell=(0.05, 0.05))
     assert len(plan.steps) == steps
     assert sum(step.time for step in plan.steps) == pytest.approx(goal, rel=1e-9)
