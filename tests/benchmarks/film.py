@@ -55,8 +55,8 @@ def _own(film: CoilFilm) -> Run:
 
 
 def _compiled(film: CoilFilm) -> tuple[ca.Function, ca.Function]:
-    """Rates of the scaled state and their Jacobian, of (x, currents)."""
-    model = film.setup(film.layer).model()
+    """Rates of the scaled state and their Jacobian, of (x, terms of the field)."""
+    model = film.setup(film.layer).model_by_terms()
     x, scale = ca.SX.sym("x", model.n_x), model.x[0].nominal
     ode = ca.substitute(model.ode, pack(model.x), scale * x) / scale
     inputs = [x, pack(model.u)]
@@ -81,7 +81,7 @@ def _followed(
     rows, columns = np.array(pattern.row()), np.array(pattern.colind())
     shape = (layer.cells - 1, layer.cells - 1)
     for k in range(film.time.switches):
-        u = currents.on_piece(k % currents.pieces, np.zeros(1))[:, 0]
+        u = film.field.terms(currents.on_piece(k % currents.pieces, np.zeros(1))[:, 0])
 
         def slope(_t: float, y: np.ndarray, u: np.ndarray = u) -> np.ndarray:
             return np.asarray(rates(y, u)).ravel()

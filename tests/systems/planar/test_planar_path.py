@@ -244,7 +244,9 @@ def test_routes_come_cheapest_first_and_end_near_the_goal():
     task = between_poses(np.zeros(3), np.array([1.5, 0.3, 0.4]), NEAR)
     looked = Looked()
     seen = []
-    for route in routes(task, library(), NEAR, SearchOptions("work", (0.02, 0.02), most=400), looked):
+    for route in routes(
+        task, library(), NEAR, SearchOptions("work", (0.02, 0.02), most=400), looked
+    ):
         seen.append(route.cost)
         end = chained(task.start, [library().steps[k] for k in route.steps])[-1]
         assert np.abs(end - route.end).max() < 1e-12
