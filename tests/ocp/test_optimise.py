@@ -19,7 +19,7 @@ from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
 from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram, Plugin, Solution, Solver
-from wormopt.ocp.optimise import Optimum, finer, optimise, optimise_multistart, refine
+from wormopt.ocp.optimise import Optimum, optimise, optimise_multistart, refine
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.switching import optimise_switching_times
 from wormopt.simulation.options import Smooth
@@ -144,13 +144,6 @@ def test_refinement_that_is_cut_short_shows_in_the_defects():
     assert refine(coarse, 1e-9, most_arcs=8) is coarse
     assert refine(coarse, 10.0) is coarse
     assert len(once.levels) == 2
-
-
-def test_arcs_that_err_are_split_further_than_their_order_asks_and_no_others():
-    mesh = Mesh.even(1, 5, Collocation(2, "radau"))
-    # order 3: errors of 1, 2, 8, 27 and a million tolerances ask for 1, 2, 2, 3 and 100 parts
-    split = finer(mesh, np.array([1.0, 2.0, 8.0, 27.0, 1e6]), 1.0)
-    assert np.round(0.2 / np.array(split.shares)).tolist() == [1] + 2 * [2] + 3 * [3] + 10 * [5]
 
 
 def test_refinement_ends_where_it_is_no_use():

@@ -55,10 +55,6 @@ def _slopes(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
     return np.linalg.solve(basis.T, slopes).T
 
 
-# Factor of the number of parts: another solve takes longer than some more arcs.
-_MORE = 1.5
-
-
 def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Mesh:
     """Split the arcs that err by more than the tolerance into at most `most` parts each.
 
@@ -69,8 +65,7 @@ def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Me
         raise ArgumentError("arcs of free duration cannot be split; use Mesh.even")
     # an arc's own error decreases with one power more than the sum over all arcs
     order = mesh.collocation.degree + 1
-    wanted = _MORE * (defect / tolerance) ** (1 / order)
-    parts = np.where(defect > tolerance, np.clip(np.ceil(wanted), 2, most), 1).astype(int)
+    parts = np.clip(np.ceil((defect / tolerance) ** (1 / order)), 1, most).astype(int)
     shares = np.repeat(np.array(mesh.shares) / parts, parts)
     counts = np.bincount(mesh.phase, weights=parts).astype(int)
     return replace(mesh, arcs=tuple(counts.tolist()), shares=tuple(shares.tolist()))
