@@ -57,6 +57,8 @@ _GAINS = 8.0
 _OF_GAIN = 0.01
 # Accepted relative excess over a limit; number of further trials if the best ones exceed it.
 _ACCEPTED, _MOST_UNSOUND = 1e-9, 4
+# Largest share of the value that exact limits may cost.
+_MOST_LOST = 1e-2
 # A period within this share of a bound is at the bound.
 _UP = 1 + 1e-9
 # Distances from all limits, tried in turn if the exact solution violates one.
@@ -475,8 +477,9 @@ def sharpened(
         return trial, error, _keeps(trier.task, trial)
     close = _close(error) if trier.task.worm.drag else 1e-10
     trial = trier.climbed(trial, close, steps=_STEPS)
+    least = trial.value - _MOST_LOST * abs(trial.value)
     sharp = _exact(trial)
-    if _keeps(trier.task, sharp):
+    if sharp.value >= least and _keeps(trier.task, sharp):
         return sharp, error, True
     # limits are multiplied by durations, so very short arcs may violate them
     program, point = trial.program.finer(trial.point, parts=1)
@@ -486,15 +489,15 @@ def sharpened(
             joined = trier.climbed(joined, 1e-10, steps)
             if joined.value >= trial.value - _TIE * abs(trial.value):
                 trial, sharp = joined, _exact(joined)
-            if _keeps(trier.task, sharp):
+            if sharp.value >= least and _keeps(trier.task, sharp):
                 return sharp, error, True
     for margin in _MARGINS:
         inner = trial.program.bilinear.inside(trial.point, margin)
-        if inner is not None:
-            sharp = replace(trial, point=inner)
-            if _keeps(trier.task, sharp):
-                return sharp, error, True
-    return sharp, error, False
+        within = trial if inner is None else replace(trial, point=inner)
+        if within.value >= least and _keeps(trier.task, within):
+            lost = (trial.value - within.value) / abs(trial.value or 1.0)
+            return within, max(error, lost), True
+    return (sharp if sharp.value >= least else trial), error, False
 
 
 def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Trial, float]:
