@@ -120,7 +120,7 @@ class _Grid:
         at = first + 1 + np.flatnonzero(np.any(now[:, 1:] != now[:, :-1], axis=0))
         if not at.size:
             at = np.linspace(first, end, 9).astype(int)[1:-1]
-        ends = np.unique([first, *at, end]).tolist()
+        ends = sorted({first, *at.tolist(), end})
         return list(pairwise(ends))
 
 
