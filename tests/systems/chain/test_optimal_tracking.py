@@ -346,7 +346,7 @@ def test_who_knows_the_plant_does_better_on_it(compared: Result):
 
 def test_drawn_plants_are_the_same_whatever_their_number():
     few = wo.load("compare_tracking", ["draws.members=3", "draws.known=0"])
-    many = wo.load("compare_tracking")
+    many = wo.load("compare_tracking", ["draws.members=100"])
     gait = fast_gait(1.0)
     for a, b in zip(*(each.draws.of(each.plant(gait)) for each in (few, many)), strict=False):
         for name, values in a.items():
