@@ -84,17 +84,16 @@ def parts(*names: str) -> list[tuple[str, str]]:
     return [(name, (folder / name).read_text(encoding="utf-8")) for name in names]
 
 
-def library(name: str, sources: Sequence[tuple[str, str]], *optimise: str) -> ctypes.CDLL:
+def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2") -> ctypes.CDLL:
     """Load the shared library of some C sources, from the cache if possible.
 
-    `sources` are (file name, text), headers included; `name` begins the library's file name;
-    `optimise`: flags, -O2 without any.
+    `sources` are (file name, text), headers included; `name` begins the library's file name.
     Raises CompilerError if it cannot be compiled or loaded.
     """
     command = compiler()
     if command is None:
         raise CompilerError("no C compiler was found; install one, or the extra wormopt[compiler]")
-    flags = (*(optimise or ("-O2",)), *_FLAGS)
+    flags = (optimise, *_FLAGS)
     path = cache_folder() / f"{name}-{_key(sources, flags, command)}{SUFFIX}"
     if not _whole(path):
         _compile(path, sources, flags, command)
@@ -168,9 +167,8 @@ def _compile(
         raise CompilerError(f"cannot compile in {path.parent}: {error}") from error
 
 
-# Measured on the steps of a rod: fused multiplications and additions save a fifth of the time; -O2
-# compiles longer and runs no faster. GCC fuses at -O1 only with the last flag, which clang ignores.
-_STEPS = ("-O1", "-ffp-contract=fast", "-fexpensive-optimizations")
+# Measured on the steps of a rod: -O2 compiles longer and runs no faster.
+_LEVEL = "-O1"
 
 
 def compiled_function(function: ca.Function) -> ca.Function:
@@ -180,7 +178,7 @@ def compiled_function(function: ca.Function) -> ca.Function:
     """
     generator = ca.CodeGenerator("function.c")
     generator.add(function)
-    found = library("function", [("function.c", generator.dump())], *_STEPS)
+    found = library("function", [("function.c", generator.dump())], _LEVEL)
     try:
         return ca.external(function.name(), found._name)  # noqa: SLF001  where ctypes keeps the path
     except RuntimeError as error:  # on Windows for some characters in the path
