@@ -579,7 +579,9 @@ def test_a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice(
     assert len(points_in(store)) == 2 * loads
     assert max(computed(store).values()) == 1
     assert killed > 0
-    assert not list(store.glob("*.lock")) + list(store.glob("*.part")) + list(store.glob("*.tries"))
+    assert not list(store.glob("*.part")) + list(store.glob("*.tries"))
+    # a process that is killed after its point is written leaves a lock, which nobody holds
+    assert {lock.stem for lock in store.glob("*.lock")} <= points_in(store)
 
 
 @pytest.mark.slow
