@@ -128,23 +128,41 @@ _SAYS = {
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """One test of one row of residuals."""
+    """One test of one row of residuals.
 
-    # Ljung and Box; signs in a row; Shapiro and Wilk, of many Jarque and Bera; chi²
+    Parameters
+    ----------
+    test : {"correlation", "runs", "normal", "size"}
+        Ljung and Box; signs in a row; Shapiro and Wilk, of many Jarque and Bera; chi².
+    run, signal : str
+        What was tested; a signal with several entries as "position[0]".
+    statistic : float
+        Of the test: for "size" the mean square over what it should be.
+    p : float
+        Probability of a deviation at least as large for white normal noise of the given size.
+    """
+
     test: TestName
     run: str
-    signal: str  # with several entries as "position[0]"
-    statistic: float  # of the test: for "size" the mean square over what it should be
-    # probability of a deviation at least as large for white normal noise of the given size
+    signal: str
+    statistic: float
     p: float
 
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Tests of the residuals of a fit."""
+    """Tests of the residuals of a fit.
 
-    tests: tuple[ResidualTest, ...]  # all of them
-    level: float  # chance that noise as said is found at fault by any of them
+    Parameters
+    ----------
+    tests : tuple of ResidualTest
+        All of them.
+    level : float
+        Chance that noise as said is found at fault by any of them.
+    """
+
+    tests: tuple[ResidualTest, ...]
+    level: float
 
     def __repr__(self) -> str:
         summary = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests failed"

@@ -28,6 +28,21 @@ Heading = Literal["bisector", "front", "rear"]
 class Shape:
     """Points and headings of a body by its shape variables.
 
+    Parameters
+    ----------
+    s : casadi.SX
+        Column of the shape variables: lengths, angles, or none for a rigid body.
+    names : tuple of str
+        Names of the shape variables.
+    points : casadi.SX, shape (2, m)
+        Places of the points in the frame of the body, in units of length.
+    headings : casadi.SX, shape (m, 1)
+        Headings of the points relative to the body's heading, in rad.
+    rates : casadi.SX
+        Column of symbols of the time derivatives of ``s``.
+    twist : casadi.SX
+        Three symbols: velocity of the frame, in the frame, and its angular velocity.
+
     Examples
     --------
     >>> chain_shape(2).names
@@ -36,12 +51,12 @@ class Shape:
     SX([-1, 0])
     """
 
-    s: ca.SX  # column of the shape variables: lengths, angles, or none for a rigid body
-    names: tuple[str, ...]  # names of the shape variables
-    points: ca.SX  # (2, m) places of the points in the frame of the body, in units of length
-    headings: ca.SX  # (m, 1) headings of the points relative to the body's heading, in rad
-    rates: ca.SX  # column of symbols of the time derivatives of ``s``
-    twist: ca.SX  # three symbols: velocity of the frame, in the frame, and its angular velocity
+    s: ca.SX
+    names: tuple[str, ...]
+    points: ca.SX
+    headings: ca.SX
+    rates: ca.SX
+    twist: ca.SX
 
     @property
     def n_points(self) -> int:

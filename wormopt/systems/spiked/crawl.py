@@ -36,15 +36,26 @@ class Crawl(SampledMotion):
 
     `motion[name]` returns samples of a signal at the times `motion.time`. Signals are listed in
     `names`.
+
+    Parameters
+    ----------
+    gait : Gait
+        Link lengths over time.
+    stretches : tuple of Stretch
+        Parts of the period with fixed resting masses, in order.
+    impulses : tuple of (float, float)
+        Time and size of each spike impulse at a corner of the gait.
+    drops : tuple of float
+        Times at which the kinematic velocity W0 jumps down and the worm is thrown forward.
+    drive : Drive
+        Gait, masses, drag and load as functions of time.
     """
 
-    gait: Gait  # link lengths over time
-    stretches: tuple[Stretch, ...]  # parts of the period with fixed resting masses, in order
-    # time and size of each spike impulse at a corner of the gait
+    gait: Gait
+    stretches: tuple[Stretch, ...]
     impulses: tuple[tuple[float, float], ...]
-    # times at which the kinematic velocity W0 jumps down and the worm is thrown forward
     drops: tuple[float, ...]
-    drive: Drive  # gait, masses, drag and load as functions of time
+    drive: Drive
 
     # Rows of a stretch's quantities.
     def _rows(self) -> dict[str, slice]:

@@ -185,6 +185,19 @@ _FEWEST, _ROUNDS = 16, 8
 class Crawl:
     """Result of `crawl`: one stroke of a slow body.
 
+    Parameters
+    ----------
+    phases : tuple of Phase
+        Parts of the stroke with the same resting masses.
+    travel : Travel
+        Pose over the stroke, from (0, 0, 0).
+    work : float
+        Work dissipated by the ground per stroke.
+    work_error : float
+        Estimated error of the work.
+    course : Course
+        The body and its stroke, which give the motion at further phases.
+
     Examples
     --------
     >>> import wormopt as wo
@@ -196,11 +209,11 @@ class Crawl:
     (2, 3.794466)
     """
 
-    phases: tuple[Phase, ...]  # parts of the stroke with the same resting masses
-    travel: Travel  # pose over the stroke, from (0, 0, 0)
-    work: float  # work dissipated by the ground per stroke
-    work_error: float  # estimated error of the work
-    course: Course  # the body and its stroke, which give the motion at further phases
+    phases: tuple[Phase, ...]
+    travel: Travel
+    work: float
+    work_error: float
+    course: Course
 
     @property
     def displacement(self) -> np.ndarray:

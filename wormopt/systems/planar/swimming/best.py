@@ -39,9 +39,17 @@ _DEGREE, _NODES = 14, 24
 
 @dataclass(frozen=True, eq=False)
 class Heights:
-    """Result of `heights`: curvature of a connection over two shape variables."""
+    """Result of `heights`: curvature of a connection over two shape variables.
 
-    swimmer: Swimmer  # the body, in the frame
+    Parameters
+    ----------
+    swimmer : Swimmer
+        The body, in the frame.
+    frame : {"head", "middle", "calm"}
+        The frame.
+    """
+
+    swimmer: Swimmer
     frame: Frame
 
     def at(self, s: ArrayLike) -> np.ndarray:
@@ -233,12 +241,21 @@ _MOST_LOOPS, _REPEATED, _TRIES = 8, 1e-2, 3
 
 @dataclass(frozen=True, eq=False)
 class StrokeAim:
-    """A body on viscous ground, and the objective of its stroke."""
+    """A body on viscous ground, and the objective of its stroke.
+
+    Parameters
+    ----------
+    swimmer : Swimmer
+        The body.
+    lower, upper : ndarray, shape (n_s,)
+        Limits of the shape variables.
+    maximise : {"efficiency", "distance"}, optional
+        Objective, for strokes without net turn: towing work over work, or the distance.
+    """
 
     swimmer: Swimmer
-    lower: np.ndarray  # (n_s,) least values of the shape variables
-    upper: np.ndarray  # (n_s,) largest ones
-    # objective, for strokes without net turn: towing work over work, or the distance
+    lower: np.ndarray
+    upper: np.ndarray
     maximise: Aim = "efficiency"
 
     def __post_init__(self) -> None:
@@ -401,13 +418,27 @@ class MotionStroke:
 
 @dataclass(frozen=True, eq=False)
 class BestStroke:
-    """Result of `best_stroke`: the best stroke from several starts, a local optimum."""
+    """Result of `best_stroke`: the best stroke from several starts, a local optimum.
 
-    optimum: Optimum  # the numerical solution
-    value: float  # efficiency, or distance, by quadrature
-    tried: tuple[float, ...]  # the same from every start, NaN if none was found
-    stroke: MotionStroke = field(repr=False)  # the stroke over phases
-    harmonics: Harmonics = field(repr=False)  # the stroke as a sum of harmonics
+    Parameters
+    ----------
+    optimum : Optimum
+        The numerical solution.
+    value : float
+        Efficiency, or distance, by quadrature.
+    tried : tuple of float
+        The same from every start, NaN if none was found.
+    stroke : MotionStroke
+        The stroke over phases.
+    harmonics : Harmonics
+        The stroke as a sum of harmonics.
+    """
+
+    optimum: Optimum
+    value: float
+    tried: tuple[float, ...]
+    stroke: MotionStroke = field(repr=False)
+    harmonics: Harmonics = field(repr=False)
 
     @property
     def motion(self) -> Motion:
