@@ -383,26 +383,31 @@ class BilinearProgram(Linearised):
             free = free & ~outside
         return None
 
-    def inside(self, point: Point, margin: float) -> Point | None:
+    def inside(
+        self, point: Point, margin: float, columns: np.ndarray | float | None = None
+    ) -> Point | None:
         """The best nearby point a little within all sides of rows and columns; None if none.
 
         Equations are exact. Held columns stay, or move a little if no such point is left. `margin`
-        from the sides must exceed the solver's error.
+        from the sides must exceed the solver's error; `columns`: that of each column, if another.
         """
+        columns = margin if columns is None else columns
         for radius in (0.0, _INWARD * np.sqrt(margin)):
-            found = self._within(point.x, margin, radius)
+            found = self._within(point.x, margin, columns, radius)
             if found is not None:
                 return found
         return None
 
-    def _within(self, x: np.ndarray, margin: float, radius: float) -> Point | None:
+    def _within(
+        self, x: np.ndarray, margin: float, columns: np.ndarray | float, radius: float
+    ) -> Point | None:
         """Move to the best point within all sides; held columns move by this share."""
         moving = np.ones(len(self.lower), bool)
         moving[self.held] = radius > 0
         open_rows = self.row_lower < self.row_upper
         room = margin * (open_rows & (abs(self.jacobian(x)[:, moving]).sum(axis=1) > 0))
         sides, bounds = (self.row_lower, self.row_upper), (self.lower, self.upper)
-        within = margin * (moving & (bounds[1] - bounds[0] > 4 * margin))
+        within = columns * (moving & (bounds[1] - bounds[0] > 4 * columns))
         inner = bounds[0] + within, bounds[1] - within
         self.row_lower, self.row_upper = sides[0] + room, sides[1] - room
         self.lower, self.upper = inner

@@ -106,11 +106,12 @@ def test_halving_the_arcs_never_loses(room, acceleration, drag, sequence, arcs, 
         finer, start = program.finer(found, raised)
         assert finer.objective(point(start)) >= program.objective(found) * (1 - 1e-8)
         old = program.durations(found)
-        old = np.where(old > 1e-6 * old.sum(), old, 0.0)  # shorter phases are left out
+        brief = 1e-6 * old.sum()  # shorter phases are left out, or join another
+        old = np.where(old > brief, old, 0.0)
         kept, durations = lasting(program.sequence, old.tolist())
         assert lasting(finer.sequence, finer.durations(point(start)).tolist()) == (
             kept,
-            pytest.approx(durations, abs=1e-8),
+            pytest.approx(durations, abs=brief),
         )
         assert finer.bilinear.violation(point(start).x) <= 1e-8
     trier = Trier(task)

@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,6 +64,9 @@ _MOST_LOST = 1e-2
 _UP = 1 + 1e-9
 # Distances from all limits, tried in turn if the exact solution violates one.
 _MARGINS = (4e-9, 4e-8, 4e-7, 4e-6)
+# Velocity of masses that need not rest, relative to those that do, in units of the program; without
+# it they might rest in practice.
+_APART = 1e-3, 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,7 +452,7 @@ def _one_repetition(trier: Trier, trial: Trial) -> Trial | None:
 def _keeps(task: GaitProblem, trial: Trial) -> bool:
     """Whether the gait meets all limits at the cost of its program."""
     meets, value = _as_it_is(task, trial)
-    return meets and value >= trial.value - _ACCEPTED * abs(trial.value)
+    return meets and value >= trial.value - _TIE * abs(trial.value)
 
 
 def _as_it_is(task: GaitProblem, trial: Trial) -> tuple[bool, float]:
@@ -477,10 +481,19 @@ def sharpened(
         return trial, error, _keeps(trier.task, trial)
     close = _close(error) if trier.task.worm.drag else 1e-10
     trial = trier.climbed(trial, close, steps=_STEPS)
-    least = trial.value - _MOST_LOST * abs(trial.value)
-    sharp = _exact(trial)
-    if sharp.value >= least and _keeps(trier.task, sharp):
-        return sharp, error, True
+    inexact = None
+    for sharp in _exactly(trier, trial):
+        lost = (trial.value - sharp.value) / abs(trial.value or 1.0)
+        if lost <= _MOST_LOST:
+            if _keeps(trier.task, sharp):
+                return sharp, max(error, lost), True
+            inexact = inexact or sharp
+    return inexact or trial, error, False
+
+
+def _exactly(trier: Trier, trial: Trial) -> Iterator[Trial]:
+    """Trials whose limits are met exactly, the best ones first."""
+    yield _exact(trial)
     # limits are multiplied by durations, so very short arcs may violate them
     program, point = trial.program.finer(trial.point, parts=1)
     if point is not None:
@@ -488,16 +501,12 @@ def sharpened(
         for steps in (0, _STEPS):  # a climb may make new short arcs
             joined = trier.climbed(joined, 1e-10, steps)
             if joined.value >= trial.value - _TIE * abs(trial.value):
-                trial, sharp = joined, _exact(joined)
-            if sharp.value >= least and _keeps(trier.task, sharp):
-                return sharp, error, True
-    for margin in _MARGINS:
-        inner = trial.program.bilinear.inside(trial.point, margin)
-        within = trial if inner is None else replace(trial, point=inner)
-        if within.value >= least and _keeps(trier.task, within):
-            lost = (trial.value - within.value) / abs(trial.value or 1.0)
-            return within, max(error, lost), True
-    return (sharp if sharp.value >= least else trial), error, False
+                trial = joined
+                yield _exact(joined)
+    for apart, margin in product(_APART, _MARGINS):
+        inner = trial.program.inside(trial.point, margin, apart)
+        if inner is not None:
+            yield replace(trial, point=inner)
 
 
 def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Trial, float]:

@@ -267,6 +267,15 @@ class GaitProgram(GaitRows):
             return 0.0
         return (self.limits.links + 1) * self.task.worm.load_range[1]
 
+    def inside(self, point: Point, margin: float, apart: float) -> Point | None:
+        """A point a little within all sides, in which masses that need not rest move; None if none.
+
+        `apart`: their least velocity, where it exceeds the margin.
+        """
+        columns, velocities = np.full(len(point.x), margin), self.v[self.v >= 0]
+        columns[velocities] = max(apart, margin)
+        return self.bilinear.inside(point, margin, columns)
+
     def speed(self, point: Point) -> float:
         """Mean speed, in the task's units."""
         values = self.bilinear.values(point.x)
