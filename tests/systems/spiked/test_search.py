@@ -401,6 +401,16 @@ def test_a_load_that_hardly_holds_a_mass_is_told():
     assert "exceeded" in found.reason or "solved" in found.reason
 
 
+def test_a_cost_at_a_speed_that_a_gait_reaches_is_never_refused():
+    """Accelerations decide here: the first durations are five times too short for the speed."""
+    worm = Worm(links=1, load=1.16, drag=2.14)
+    limits = Limits(period=(0.5, 10.0), length=(0.6, 0.85), rate=1.45, acceleration=8.7)
+    quick = Search(effort="quick")
+    fastest = design(worm, limits, search=quick)
+    cheap = design(worm, limits, "peak_spike_load", speed=0.6 * fastest.speed, search=quick)
+    assert cheap.value < fastest.motion.extremes("reaction")[1].max()
+
+
 def test_a_gait_for_a_range_of_loads_holds_under_all_of_them():
     """The lightest load brakes least, so that it decides; what is prescribed is kinematic."""
     found = design(G1_WORM.vary(load=(2.0, 5.0)), G1_LIMITS, search=OWN)

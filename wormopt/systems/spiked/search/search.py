@@ -133,11 +133,19 @@ class Race:
 
     def enter(self, starts: Iterable[Start]) -> list[Trial]:
         """Try orders for the first time; return the trials that have a gait."""
-        starts, found = [s for s in starts if self.can_win(s.sequence)], list[Trial]()
+        starts = [s for s in starts if self.can_win(s.sequence)]
         usual = None if self._best is None else self._best.durations
         places = sorted(self._values)[-self.places :]
         least = places[0] if len(places) == self.places else -np.inf
         first = partial(_first, enough=max(self._close(0), least), usual=usual)
+        found = self._fitted(starts, first)
+        if not found and self._best is None and self.task.objective.speed is not None:
+            # durations of first starts may be far from those of the required speed
+            found = self._fitted(starts, partial(first, patient=True))
+        return found
+
+    def _fitted(self, starts: list[Start], first: Callable) -> list[Trial]:
+        found = list[Trial]()
         for start, fitted in zip(starts, self._each(first, starts), strict=True):
             self.trials.setdefault(self.canonical(start.sequence), None)
             if fitted is not None:
@@ -244,7 +252,9 @@ def _tried(
     return found, trier.programs, trier.work
 
 
-def _first(trier: Trier, start: Start, enough: float, usual: np.ndarray | None) -> Trial | None:
+def _first(
+    trier: Trier, start: Start, enough: float, usual: np.ndarray | None, *, patient: bool = False
+) -> Trial | None:
     """Try an order for the first time, also with a period like that of the best trial."""
     if usual is not None and trier.stopped():
         return None
@@ -255,7 +265,7 @@ def _first(trier: Trier, start: Start, enough: float, usual: np.ndarray | None) 
     if durations is None and usual is not None:
         others.append(np.full(len(sequence), usual.sum() / len(sequence)))
     for durations in others:
-        free = trier.free(sequence, durations, enough)
+        free = trier.free(sequence, durations, enough, patient=patient)
         # a free period is at least as good as any number of cycles
         if free is not None and free.value >= enough:
             return trier.fit(free)

@@ -96,16 +96,20 @@ class Trier:
         durations: np.ndarray | None = None,
         enough: float = -np.inf,
         random: np.random.Generator | None = None,
+        *,
+        patient: bool = False,
     ) -> Trial | None:
         """Climb with a free period up to the longest; give up below `enough`.
 
-        The start has phases of `durations`; `random` draws the arcs, equal by default.
+        The start has phases of `durations`; `random` draws the arcs, equal by default. `patient`:
+        a required speed is climbed to even if it seems out of reach.
         """
         if durations is None:
             durations = np.full(len(sequence), self.phase_guess())
         longest = min(self.longest, _LONGEST * float(durations.sum()))
         durations = durations * min(1.0, longest / durations.sum())
-        return self._climb(sequence, (_SHORTEST * longest, longest), durations, enough, random)
+        period = (_SHORTEST * longest, longest)
+        return self._climb(sequence, period, durations, enough, random, patient=patient)
 
     def freed(self, trial: Trial) -> Trial | None:
         """Continue a climb with a free period; None if the solver fails."""
@@ -205,13 +209,15 @@ class Trier:
         durations: np.ndarray,
         enough: float,
         random: np.random.Generator | None,
+        *,
+        patient: bool = False,
     ) -> Trial | None:
         required = self.task.objective.speed
         if required is None:
             program = self.program(sequence, period, self._arcs)
             begin = program.start(durations, random)
         else:
-            fast = self._fast_enough(required, sequence, period, durations, random)
+            fast = self._fast_enough(required, sequence, period, durations, random, patient=patient)
             if fast is None:
                 return None
             same = fast.program
@@ -230,6 +236,8 @@ class Trier:
         period: tuple[float, float],
         durations: np.ndarray,
         random: np.random.Generator | None,
+        *,
+        patient: bool,
     ) -> Trial | None:
         """Climb to the required speed; few arcs may just miss it where more reach it."""
         fastest = Trier(GaitProblem(self.task.worm, self.task.limits), self._arcs, self._until)
@@ -237,7 +245,8 @@ class Trier:
         start = program.start(durations, random)
         if start is None:
             return None
-        until = Climb(1e-4, enough=_NEARLY * required / program.unit)
+        reach = -np.inf if patient else _NEARLY * required / program.unit
+        until = Climb(1e-4, enough=reach)
         reached = program.bilinear.climb(
             start, until, lambda p: self.stopped() or program.objective(p) >= _AMPLY * required
         )
