@@ -19,7 +19,6 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 from scipy.integrate import DOP853, Radau
-from scipy.linalg import get_lapack_funcs
 
 from wormopt.numerics.expressions import Call
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem
@@ -371,8 +370,9 @@ def _dop853(rhs: ca.Function, n_x: int) -> tuple[ca.Function, ca.Function]:
 _LEAST_RELATIVE = 100 * float(np.finfo(float).eps)
 # Distance, in nominal sizes, that is negligible.
 _NEARBY = 1e-10
-# Solution of factorised equations, of real and of complex numbers.
-_GETRS = {np.dtype(kind).kind: get_lapack_funcs("getrs", dtype=kind) for kind in (float, complex)}
+# The dense output of Radau IIA is a cubic: these points determine its first four rows.
+_POINTS = np.array([0.0, 1 / 3, 2 / 3, 1.0])
+_ROWS = np.linalg.inv(powers(_POINTS)[:, :4])
 
 
 class Stiff:
@@ -415,9 +415,7 @@ class Stiff:
             "max_step": self._task.max_step,
             "first_step": min(h, stop - t) if h > 0 else None,
         }
-        solver = Radau(self._derivative, t, x, stop, **options)
-        solver.solve_lu = _solve_lu
-        return solver
+        return Radau(self._derivative, t, x, stop, **options)
 
     def _advance(self, solver: Radau, stop: float) -> Step:
         t, x, dx = solver.t, solver.y, self._derivative(solver.t, solver.y)
@@ -426,10 +424,9 @@ class Stiff:
         x_new, h = solver.y.copy(), solver.t - t
         output = solver.dense_output()
 
-        def fit() -> np.ndarray:  # of a cubic x + Q (s, s^2, s^3)
-            _, square, cube = output.Q.T
-            rows = [x, x_new - x, -square - cube, -cube]
-            return np.vstack([rows, np.zeros((4, len(x)))])
+        def fit() -> np.ndarray:
+            points = np.column_stack([x, *(output(t + c * h) for c in _POINTS[1:-1]), x_new])
+            return np.vstack([_ROWS @ points.T, np.zeros((4, len(x)))])
 
         dx_new = self._derivative(solver.t, x_new)
         return Step(t, h, min(solver.t, stop), x, x_new, dx, dx_new, fit)
@@ -471,11 +468,6 @@ class Stiff:
     def accept(self, step: Step) -> None:
         """Continue from the end of the step just attempted."""
         self.h, self._t, self._x = step.h, step.end, step.x_new
-
-
-def _solve_lu(factors: tuple[np.ndarray, np.ndarray], b: np.ndarray) -> np.ndarray:
-    """Solve as scipy's `lu_solve`, whose checks take several times as long as the solution."""
-    return _GETRS[factors[0].dtype.kind](*factors, b)[0]
 
 
 @lru_cache(maxsize=64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
@@ -242,28 +242,22 @@ class CoilDesign(OverCoils, kind="coil-design"):
         return np.linspace(0.0, self.time.end, self.time.samples)
 
     @stage
-    def rivals_and_second_integrator(self) -> tuple[Ride, Ride, float]:
-        """Rides under the best mean-field currents and the best block; the check of the design."""
+    def rides_of_rivals(self) -> tuple[Ride, Ride]:
+        """The float under the best mean-field currents, and under the best block."""
         alone = structs.replace(self)  # without what is computed already, as it is sent
-        jobs = [
-            partial(travel_by_radau, self.finer, self.design),
-            *(
-                partial(_ride, alone, one.pattern)
-                for one in (self.contest.wave, self.contest.block)
-            ),
-        ]
-        travel, wave, block = self.workers.map(_called, jobs)
-        return wave, block, travel
+        rivals = [one.pattern for one in (self.contest.wave, self.contest.block)]
+        wave, block = self.workers.map(partial(_ride, alone), rivals)
+        return wave, block
 
     @property
     def mean_field_ride(self) -> Ride:
         """The float under the best mean-field currents."""
-        return self.rivals_and_second_integrator[0]
+        return self.rides_of_rivals[0]
 
     @property
     def block_ride(self) -> Ride:
         """The float under the best block."""
-        return self.rivals_and_second_integrator[1]
+        return self.rides_of_rivals[1]
 
     # -- speed and power ---------------------------------------------------------------------------
 
@@ -376,6 +370,10 @@ class CoilDesign(OverCoils, kind="coil-design"):
         ends = (one["position"][0, -1] for one in (self.smaller_steps, self.half_the_cells))
         return float(abs(np.subtract(*ends)) / self.cargo.length)
 
+    @stage
+    def travel_by_second_integrator(self) -> float:
+        return travel_by_radau(self.finer, self.design)
+
     @check(
         1e-2,
         "with SciPy's Radau the float ends {value:.2g} of its length elsewhere; lower "
@@ -384,7 +382,7 @@ class CoilDesign(OverCoils, kind="coil-design"):
     )
     def off_by_second_integrator(self) -> float:
         travel = self.float_position[-1] - self.cargo.start
-        return float(abs(self.rivals_and_second_integrator[2] - travel) / self.cargo.length)
+        return float(abs(self.travel_by_second_integrator - travel) / self.cargo.length)
 
     @check(1 + 1e-9, "currents reach {value:.4g} of a limit")
     def limits(self) -> float:
@@ -479,10 +477,6 @@ def _ride(study: CoilDesign, pattern: Pattern) -> Ride:
         return _ridden(study.follow(currents, study.layer, study.grid.tolerance))
     except SolveError as error:  # a Trajectory cannot be sent
         raise SolveError(error.reason, error.suggestion, code=error.code) from None
-
-
-def _called(job: Callable[[], Any]) -> Any:
-    return job()
 
 
 def _summary(one: Judged) -> dict[str, Any]:
