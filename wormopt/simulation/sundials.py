@@ -112,9 +112,9 @@ class _Grid:
     def parts(self, first: int, end: int) -> list[tuple[int, int]]:
         """Parts between two times of the grid in which an integrator may succeed, or get farther.
 
-        At a break its error test may fail for good, since its steps know the motion before. Without
-        breaks, shorter and shorter parts find the time reached: eighths, since steps gather there,
-        and are taken again in every part that fails.
+        At a break its error test may fail for good, because its formulas use steps from before the
+        break. Without breaks, parts that fail are cut into eighths until the time reached is known;
+        halves would repeat the many small steps before it more often.
         """
         now = self.scheduled[:, first:end]
         at = first + 1 + np.flatnonzero(np.any(now[:, 1:] != now[:, :-1], axis=0))
