@@ -135,6 +135,31 @@ class Schedule:
             return math.inf
         return float(begin[0] - self.breaks[piece[0]] + self.breaks[piece[0] + 1])
 
+    def breaks_between(self, begin: float, end: float) -> np.ndarray:
+        """Ends of pieces after one time and before another, as `next_break` gives them.
+
+        Parameters
+        ----------
+        begin, end : float
+            Times.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            Ascending.
+        """
+        first, period = self.next_break(begin), self.breaks[-1]
+        if not first < end:
+            return np.zeros(0)
+        turns = np.zeros(1)
+        if self.periodic:
+            last = math.floor((end - self.start) / period)
+            turns = np.arange(math.floor((begin - self.start) / period) - 1, last + 2) * period
+        starts = self.start + turns[:, None] + self.breaks[:-1]
+        ends = (starts - self.breaks[:-1] + self.breaks[1:]).ravel()
+        ends = ends if self.periodic else ends[:-1]
+        return ends[(first <= ends) & (ends < end)]
+
 
 @dataclass(frozen=True, eq=False)
 class ParameterPath:

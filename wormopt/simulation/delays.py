@@ -294,10 +294,7 @@ class _Stretches:
         # an event at the end of the stretch before belongs to this one
         points += [(float(t), 0) for part in self.found[-2:] for t in part.events[:, 0]]
         for schedule in self.task.schedules:
-            t = schedule.next_break(begin - least)
-            while t < end:
-                points.append((t, 0))
-                t = schedule.next_break(t)
+            points += [(t, 0) for t in schedule.breaks_between(begin - least, end).tolist()]
         for t, generation in sorted(points):
             near = next((s for s in jumps if abs(s - t) <= least), None)
             if near is not None:

@@ -143,13 +143,8 @@ def _march(
     model, (start, end) = task.system.model, task.span
     stride = _stride(model)
     fixed = task.p[: sum(s.size for s in (*model.p, *model.u))]
-    breaks = [start]
-    for schedule in task.schedules:
-        t = schedule.next_break(start)
-        while t < end:
-            breaks.append(t)
-            t = schedule.next_break(t)
-    ends = np.unique([*breaks, end])
+    breaks = [schedule.breaks_between(start, end) for schedule in task.schedules]
+    ends = np.unique(np.concatenate([[start, end], *breaks]))
     ends = ends[np.diff(ends, prepend=-np.inf) > 1e-13 * max(abs(end), end - start)]
 
     def march(x0: np.ndarray, fineness: int) -> tuple[np.ndarray, int]:

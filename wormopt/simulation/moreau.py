@@ -520,8 +520,6 @@ def _looks(schedule: Schedule | None, end: float, longest: float) -> np.ndarray:
         clock = Model("clock", x=(), ode=ca.SX(0, 1), schedules=[schedule])
         breaks = clock.breaks(end)
     counts = np.maximum(np.ceil(np.diff(breaks) / (_STRIDE * longest) - 1e-9), 1).astype(int)
-    parts = [
-        np.linspace(a, b, k, endpoint=False)
-        for a, b, k in zip(breaks[:-1], breaks[1:], counts, strict=True)
-    ]
-    return np.append(np.concatenate(parts), end)
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    sizes = np.repeat(np.diff(breaks) / counts, counts)
+    return np.append(np.repeat(breaks[:-1], counts) + within * sizes, end)
