@@ -240,3 +240,18 @@ def test_breaks_between_two_times_are_those_of_all_turns(periodic, start, span):
     ends = np.sort([start + 0.7 * k + end for k in turns for end in breaks[1 : 3 + periodic]])
     inside = ends[(span[0] < ends) & (ends < span[1])]
     assert schedule.breaks_between(*span) == pytest.approx(inside, abs=1e-12)
+
+
+def test_the_next_break_is_always_a_later_one():
+    """Also where a schedule starts far from the times asked for, so that its breaks are rounded."""
+    rng = np.random.default_rng(5)
+    for start in [0.0, -7.1, 50.0, 1e3, -1e4] * 20:
+        breaks = np.append(0.0, np.cumsum(rng.uniform(0.01, 1.0, 3)))
+        begin = start * rng.uniform(0.5, 1.0)
+        symbols = ca.SX.sym("c"), ca.SX.sym("begin")
+        schedule = Schedule("c", *symbols, breaks, np.zeros((3, 1)), True, begin)
+        times = [rng.uniform(0.0, 2.0)]
+        for _ in range(20):
+            times.append(schedule.next_break(times[-1]))
+        assert np.diff(times).min() > 0.0
+        assert times[-1] - times[-19] == pytest.approx(6 * breaks[-1], rel=1e-9)

@@ -112,7 +112,8 @@ class Schedule:
             Its number.
         """
         t = np.asarray(t, dtype=float)
-        since = t - self.start + 4 * np.finfo(float).eps * np.maximum(np.abs(t), self.breaks[-1])
+        size = np.maximum(np.abs(t), max(abs(self.start), self.breaks[-1]))
+        since = t - self.start + 4 * np.finfo(float).eps * size
         turn = np.floor(since / self.breaks[-1]) * self.breaks[-1] if self.periodic else 0.0
         piece = np.searchsorted(self.breaks, since - turn, side="right") - 1
         piece = np.clip(piece, 0, self.pieces - 1)
