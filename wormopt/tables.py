@@ -107,10 +107,7 @@ class TextTable:
 def read_table(
     path: Path, wrong: list[Wrong], *, time: str = "", named: bool = True
 ) -> TextTable | None:
-    """Read a table from a file; parameters and value are those of `parse_table`.
-
-    Raises OSError if the file cannot be read.
-    """
+    """Read a table from a file; parameters and value are those of `parse_table`."""
     if path.stat().st_size > _MOST_BYTES:
         wrong.append(("", " is larger than 500 MB; keep fewer samples, for example 100 per period"))
         return None
@@ -206,10 +203,7 @@ def parse_table(
 
 
 def unit_meant(name: str) -> tuple[str, str]:
-    """Name and apparent unit without brackets: ``t_ms``, ``t {ms}``.
-
-    The unit is "" if there is none.
-    """
+    """Name and apparent unit without brackets: ``t_ms``, ``t {ms}``."""
     for form in (r"[\[({<]\s*([^\W\d_]+)\s*[\])}>]", r"([^\W\d_]+)\W*$"):
         found = re.search(form, name)
         if found is None:

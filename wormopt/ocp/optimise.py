@@ -59,7 +59,6 @@ def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Me
     """Split the arcs that err by more than the tolerance into at most `most` parts each.
 
     `defect` (N,) is from `defects`; the same mesh is returned if no arc errs.
-    Raises ArgumentError if durations of arcs are free.
     """
     if mesh.shares is None:
         raise ArgumentError("arcs of free duration cannot be split; use Mesh.even")

@@ -425,7 +425,6 @@ def ramped(plant: Model, slope: float) -> Model:
     """Make the only scalar input of a plant its last state, and its rate (``_rate``) the input.
 
     The input's bounds become the state's; `slope`: largest size of the rate.
-    Raises ArgumentError if the plant has another number of inputs.
     """
     if sum(signal.size for signal in plant.u) != 1:
         raise ArgumentError(f"{plant.name} must have exactly one scalar input")

@@ -353,8 +353,7 @@ class _Motion:
         """Fire all switches that must fire together with the crossed switch `k`.
 
         If several guards are 0 or jump at once, the first choice of these switches is taken after
-        which the motion leaves all their guards. Raises GivenUp if no choice does so and the
-        motion leads back to the guard of switch `k`.
+        which the motion leaves all their guards.
         """
         watch, t = self._watch, self._t
         choices = list(_choices(watch.at_guard(t, self._x, near)[:_TOGETHER]))

@@ -186,10 +186,7 @@ class Impulses:
         return ca.Function("linear", [x, p], [ca.densify(J)])
 
     def check(self, x0: np.ndarray, numbers: np.ndarray) -> None:
-        """Refuse walls that act on one another and may be closed at the same time.
-
-        Checked in the state `x0`; raises ArgumentError if there are two.
-        """
+        """Refuse walls that act on one another and may be closed at the same time."""
         contacts, x = self.model.contacts, pack(self.model.x)
         n_c, gaps = len(contacts), self._gaps
         asked = [self._response, gaps, ca.jacobian(gaps, x)]

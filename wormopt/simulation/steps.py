@@ -180,10 +180,7 @@ class Explicit:
             raise GivenUp(status)
 
     def attempt(self, stop: float) -> Step | None:
-        """Try a step not beyond `stop`; None if too inexact, and the next will be shorter.
-
-        Raises GivenUp if it would have to be too short.
-        """
+        """Try a step not beyond `stop`; None if too inexact, and the next will be shorter."""
         if self.h <= 0.0:
             self.h = self._first(stop)
         self.h = min(self.h, self._task.max_step)
@@ -249,10 +246,7 @@ class Explicit:
             raise GivenUp(status or "step_too_small")
 
     def shorten(self, step: Step, factor: float) -> None:
-        """Reject the step just attempted; the next is `factor` times as long.
-
-        Raises GivenUp if that is too short.
-        """
+        """Reject the step just attempted; the next is `factor` times as long."""
         self._reject(step.h, factor)
 
     def redo(self, step: Step, length: float) -> Step:
@@ -261,10 +255,7 @@ class Explicit:
         return self._closed(length, min(step.t + length, step.end), x_new, stages)
 
     def accept(self, step: Step) -> None:
-        """Continue from the end of the step just attempted.
-
-        Raises GivenUp if the motion is too stiff.
-        """
+        """Continue from the end of the step just attempted."""
         self.h = self._next
         self._t, self._x, self._dx = step.end, step.x_new, step.dx_new
         left = (self._task.span[1] - step.end) / step.h
@@ -438,10 +429,7 @@ class Stiff:
             raise GivenUp(status)
 
     def attempt(self, stop: float) -> Step | None:
-        """Try a step not beyond `stop`; never None, since scipy tries until it succeeds.
-
-        Raises GivenUp if it would have to be too short.
-        """
+        """Try a step not beyond `stop`; never None, since scipy tries until it succeeds."""
         if self._solver is None or self._solver.t_bound != stop:
             self._solver = self._solver_from(self._t, self._x, stop, self.h)
         return self._advance(self._solver, stop)
@@ -456,10 +444,7 @@ class Stiff:
         return self._advance(self._solver_from(step.t, step.x, stop, length), stop)
 
     def shorten(self, step: Step, factor: float) -> None:
-        """Reject the step just attempted; the next is `factor` times as long.
-
-        Raises GivenUp if that is too short.
-        """
+        """Reject the step just attempted; the next is `factor` times as long."""
         self.n_rejected += 1
         self.h, self._solver = step.h * factor, None
         if self.h < floor_of_step(self._task, step.t):

@@ -337,10 +337,7 @@ class CompareTracking(Rivals, kind="compare-tracking"):
         return self.by_hardware(plant, drive(compared, inputs, periodic=periodic))
 
     def controllers(self, index: int) -> Iterator[Controller]:
-        """All controllers for a reference: first feedback, then plans, without and with LQR.
-
-        Plans that were not found are left out.
-        """
+        """All controllers for a reference: first feedback, then plans, without and with LQR."""
         gait = self.gaits[index]
         yield from self.feedback_loops[index]
         found = {name: made.nominal for name, made in self.plans[index].items() if made.nominal}

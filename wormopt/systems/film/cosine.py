@@ -270,10 +270,7 @@ class CosineWave(Shape):
 
 
 def peak_near(wave: Shape, xi: float, tension: float) -> Peak:
-    """Maximum of the field function near phase `xi`, by Newton's method, to round-off.
-
-    `tension` is W.
-    """
+    """Maximum of the field function near phase `xi`, by Newton's method, to round-off."""
     C = wave.constant
 
     def slope(at: float) -> float:

@@ -346,10 +346,7 @@ class Walk:
 
 
 def walk(worm: SwitchedWorm, coils: np.ndarray, durations: np.ndarray, lengths: np.ndarray) -> Walk:
-    """Simulate a worm from its lengths (N,) by coils (arcs, N); contacts are found on the way.
-
-    Raises ArgumentError without a wall.
-    """
+    """Simulate a worm from its lengths (N,) by coils (arcs, N); contacts are found on the way."""
     contact = worm.ground.contact
     if contact is None:
         raise ArgumentError("only a worm in a tube walks from anchor to anchor; give a Tube")
@@ -383,10 +380,7 @@ _ROUNDS = 4
 def switching_problem(
     worm: SwitchedWorm, aim: Aim, limits: SwitchLimits, holding: np.ndarray
 ) -> Problem:
-    """Return the problem: largest displacement per time, or per time that coils are on.
-
-    `holding`: the segments that touch the wall.
-    """
+    """Return the problem: largest displacement per time, or per time that coils are on."""
     model = worm.model
     n, contact = worm.segments, worm.ground.contact
     ends = Ends.of(model, n + len(holding))
@@ -430,10 +424,7 @@ def polish(
     tolerance: float,
     report: Report = silent,
 ) -> Optimum:
-    """Optimise the times of an order again, from those found; `mesh` is that of one phase.
-
-    Raises SolveError if this fails.
-    """
+    """Optimise the times of an order again, from those found; `mesh` is that of one phase."""
     order, durations = found.lasting
     given = _inputs(worm, order)
     active = tuple(tuple((2 * state - 1).tolist()) for state in given)

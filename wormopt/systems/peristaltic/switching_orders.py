@@ -64,10 +64,7 @@ def search(
     seed: int = 0,
     report: Report = silent,
 ) -> Search:
-    """Find the best order and times of switching, of a long worm from `starts` initial orders.
-
-    Raises SolveError if no order moves forward within the limits.
-    """
+    """Find the best order and times of switching, of a long worm from `starts` initial orders."""
     n = worm.segments
     touching = worm.ground.contact is not None
     program = SwitchingProgram(worm, 3 * n if touching else 2 * n, aim)

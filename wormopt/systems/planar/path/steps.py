@@ -110,10 +110,7 @@ def swept(
     looks: int = 8,
     motion: Any = None,
 ) -> GaitStep:
-    """Return a step from poses, at the highest speed that the largest rates allow.
-
-    Every panel has at least `looks` samples.
-    """
+    """Return a step from poses, at the highest speed that the largest rates allow."""
     tau, poses, way = _sampled(course, stroke, shape, looks)
     body = kinematics_at(shape, stroke.at(tau)[0]).points
     points = poses[:, None, :2] + rotate(poses[:, None, 2], body)

@@ -160,8 +160,7 @@ def without_tick(task: GaitProblem) -> GaitProblem:
 def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) -> Design:
     """Solve a design again with cycles of whole ticks next to its own, and return the best.
 
-    `free` is the design of the task `without_tick`; its resting sequence is kept. Raises
-    SolveError if no cycle of whole ticks has a gait.
+    `free` is the design of the task `without_tick`; its resting sequence is kept.
     """
     begin, limits = perf_counter(), task.limits
     periods = [limits.whole_ticks(count) for count in limits.ticks_of(free.period)]
