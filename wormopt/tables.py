@@ -280,10 +280,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _separator(lines: list[tuple[int, str]]) -> str:
-    """Separator of the cells of the last lines, "" if they have only one cell.
-
-    It splits them into equal numbers of cells, most of which are numbers or empty.
-    """
+    """Separator of the cells of the last lines, "" if they have only one cell."""
 
     def share(separator: str) -> float:
         rows = [_cells(line, separator) for _, line in lines[-_LOOKED_AT:]]
@@ -301,11 +298,7 @@ def _separator(lines: list[tuple[int, str]]) -> str:
 
 
 def _line_of_names(lines: list[tuple[int, str]], separator: str, time: str) -> tuple[int, str]:
-    """Index of the line that names the columns, and its separator.
-
-    It is the line with the column of times; else the last line of words above the numbers; -1 if
-    there is none.
-    """
+    """Index of the line that names the columns, and its separator."""
     for each in (separator, *_SEPARATORS) if time else ():
         for k, (_, line) in enumerate(lines[:_MOST_ABOVE]):
             cells = _cells(line, each)
@@ -476,10 +469,7 @@ def _number(cell: str, comma: bool) -> float | None:
 
 
 def _bits_of_wrapped(numbers: Sequence[float]) -> int:
-    """Bits of unsigned numbers in which a column has negative ones, 0 if it has none.
-
-    Such a column is of whole numbers, each either small or just below the largest one.
-    """
+    """Bits of unsigned numbers in which a column has negative ones, 0 if it has none."""
     there = [v for v in numbers if v == v]
     if not there or min(there) < 0 or not all(v.is_integer() for v in there):
         return 0

@@ -177,11 +177,7 @@ def _feet(robot: Robot, root: Element, firm: dict[str, Any]) -> None:
 
 
 def _actuators(robot: Robot, root: Element, step: float) -> int:
-    """Actuators and their number.
-
-    Servos of positions and rates of the joints, or the springs of elastic links; then constant
-    forces: loads, and friction that differs ahead and back.
-    """
+    """Actuators and their number."""
     actuators = add(root, "actuator")
     rotors = np.array([_rotor(robot, name) for name in robot.joints])
     stiffness = rotors * (_SERVO / step) ** 2 if robot.elastic is None else robot.elastic[0]

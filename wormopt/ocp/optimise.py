@@ -374,10 +374,7 @@ def _ended_well(solution: Solution) -> bool:
 def _solve(
     program: Transcription, w: np.ndarray, bounds: Bounds, solver: Solver, *, warm: bool
 ) -> Solution:
-    """Solve one level; if a large barrier fails, with guarded durations.
-
-    From a nearly feasible point restart with a smaller barrier and without history.
-    """
+    """Solve one level; if a large barrier fails, with guarded durations."""
     lost = None
     if warm and isinstance(solver, Ipopt):
         near = replace(solver, mu_init=min(solver.mu_init, _WARM_BARRIER))

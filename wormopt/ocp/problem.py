@@ -347,10 +347,7 @@ def _within(column: ca.SX, columns: Sequence[ca.SX]) -> bool:
 
 
 def _refuse_contradictions(problem: Problem) -> None:
-    """Raise ArgumentError if linear constraints of the ends contradict each other.
-
-    Returning states are included. The message names a minimal set of constraints.
-    """
+    """Raise ArgumentError if linear constraints of the ends contradict each other."""
     if not problem.boundary_constraints:
         return
     own = [*vars(problem.ends).values(), *(s.symbol for s in problem.design)]

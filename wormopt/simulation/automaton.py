@@ -107,10 +107,7 @@ def _cubics(step: Step) -> np.ndarray:
 
 
 def _least_between(v: np.ndarray) -> np.ndarray:
-    """Least velocities (n,) within a step, by parabolas through neighbouring samples (m, n).
-
-    A dip may be far shorter than the time between two samples.
-    """
+    """Least velocities (n,) within a step, by parabolas through neighbouring samples (m, n)."""
     slope, bend = (v[2:] - v[:-2]) / 2, v[:-2] + v[2:] - 2 * v[1:-1]
     turns = np.abs(slope) < bend
     dip = np.where(turns, slope**2 / (2 * np.where(turns, bend, 1.0)), 0.0)

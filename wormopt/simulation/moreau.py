@@ -128,10 +128,7 @@ class Impulses:
         return ca.Function("kick", symbols, kicked.call([*symbols, impulses]))
 
     def _given(self, free: ca.SX) -> ca.SX:
-        """Normal and tangential impulses, from the rates that contacts would have without them.
-
-        Each contact by itself.
-        """
+        """Normal and tangential impulses, from the rates that contacts would have without them."""
         contacts, h = self.model.contacts, self.symbols[4]
         stops, n_c = -free / ca.diag(self._response), len(contacts)
         normal = ca.if_else(self._gaps <= 0, ca.fmax(0, stops[:n_c]), 0)

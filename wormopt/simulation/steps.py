@@ -208,10 +208,7 @@ class Explicit:
         return self._closed(h, stop if last else self._t + h, x_new, stages)
 
     def _columns_error(self, x_new: np.ndarray, stages: np.ndarray, h: float) -> float:
-        """Error of the step in S, that of the worst column.
-
-        The size of a column is its own, in units of nominal sizes of states, or its floor.
-        """
+        """Error of the step in S, that of the worst column."""
         task, n_x, k = self._task, len(self._task.x0), self._task.k
         x, end = (part[n_x:].reshape(-1, k) for part in (self._x, x_new))
         nominal = task.absolute[: len(x), None]
@@ -284,10 +281,7 @@ class Explicit:
 
 
 def _norm(sums: np.ndarray, h: float, n: int) -> float:
-    """Error of a step against the tolerances; at most 1 is good, NaN where numbers are bad.
-
-    `sums` of squares of its differences to the embedded formulas.
-    """
+    """Error of a step against the tolerances; at most 1 is good, NaN where numbers are bad."""
     six, five, three = sums.tolist()
     five = max(five, six)
     scale = five + 0.01 * three

@@ -282,10 +282,7 @@ class CompareTracking(Rivals, kind="compare-tracking"):
     def _in_processes(
         self, work: Callable[[Any], T], names: Sequence[str], draws: Sequence[Sequence[Draw]]
     ) -> Sequence[Mapping[str, T]]:
-        """Do the work of each name for each reference and its `draws`, the longest first.
-
-        The crawl has no reference, so it is the same for all.
-        """
+        """Do the work of each name for each reference and its `draws`, the longest first."""
         several = range(len(self.gaits))
         jobs = [(n, k) for k in several for n in reversed(names) if not k or n != CRAWL]
         todo = [(name, self.gaits[k], draws[k]) for name, k in jobs]

@@ -234,10 +234,7 @@ def _nothing(task: GaitProblem, settings: Search, survey: Survey, report: Report
 def _conflict(
     task: GaitProblem, sequences: Sequence[Sequence_], report: Report, seconds: float = np.inf
 ) -> SolveError:
-    """Find the limits in conflict and their smallest relaxation; returns an error to raise.
-
-    Typical `sequences` are tried; no new trial begins after `seconds`.
-    """
+    """Find the limits in conflict and their smallest relaxation; returns an error to raise."""
     until, orders = monotonic() + seconds, _typical(sequences)
 
     def least(keys: Sequence[str], given: Mapping[str, float]) -> float:

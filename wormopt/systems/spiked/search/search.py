@@ -615,10 +615,7 @@ def _hopeful(race: Race) -> float:
 
 
 def _niches(race: Race, width: int) -> list[tuple[int, _Parent]]:
-    """The best orders, by direction of travel and rank, the best of each niche first.
-
-    Orders of a niche have the same minimal resting sets, number of phases and number of cycles.
-    """
+    """The best orders, by direction of travel and rank, the best of each niche first."""
     masses = race.task.worm.links + 1
     found = dict[Sequence_, _Parent]()
     for place, trial in enumerate(race.ranking):
