@@ -123,22 +123,9 @@ def parse_table(
 ) -> TextTable | None:
     """Read a table; faults are added to `wrong`, and None is returned if nothing can be read.
 
-    Parameters
-    ----------
-    text : str
-        Content of the file.
-    wrong : list of (str, str)
-        For each fault the column, "" for the whole table, and what is wrong, to be written behind
-        the name of the file: it begins with the number of the line.
-    time : str
-        Column by which the line of names is found. Without it, the line of names is the last one
-        above the numbers.
-    named : bool
-        Whether a line of names is needed. Without it, columns are called "1", "2" and so on.
-
-    Returns
-    -------
-    TextTable or None
+    A fault is the column, "" for the whole table, and what is wrong, to be written behind the name
+    of the file. The line of names has the column `time`; without that it is the last one above the
+    numbers. If it need not be there (`named`), columns are called "1", "2" and so on.
     """
     lines, remarks = _split(text)
     empty = " is empty; write a header with the names of its columns, then the numbers"

@@ -258,10 +258,6 @@ class PairWaveform(OptimalMotion, kind="pair-waveform"):
         """Find the best field."""
         return self.searched[0]
 
-    @property
-    def defect(self) -> float:
-        return self.mesh.tolerance
-
     @stage
     def proof(self) -> Proof:
         return prove(self.free, self.motion, self.report)

@@ -162,10 +162,6 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
             "lengths change much and do not rest, or another search.seed"
         )
 
-    @property
-    def defect(self) -> float:
-        return self.mesh.tolerance
-
     # -- the motion --------------------------------------------------------------------------------
 
     def expressions(self) -> dict[str, ca.SX]:
