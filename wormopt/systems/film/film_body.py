@@ -12,6 +12,7 @@ from wormopt.quantities import GRAVITY
 from wormopt.result import Check, left_out
 from wormopt.study import (
     Given,
+    Study,
     array,
     attributes,
     checks,
@@ -25,7 +26,7 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.study.numerics import ToleranceTable
-from wormopt.systems.film.tables import Length, Ride, Riding
+from wormopt.systems.film.tables import Film, Length, Ride
 from wormopt.systems.shared.studies import refused_at
 
 with on_use():
@@ -138,7 +139,7 @@ class Body(Given):
                 yield "body.on", f'{message}; write on = "{place}"'
 
 
-class FilmBody(Riding, kind="film-body"):
+class FilmBody(Study, kind="film-body"):
     """Simulate a body with mass in a film with a wave: floating or on the ground.
 
     The body is a float with mass and weight, or lies in the film on the ground, where it sticks and
@@ -156,12 +157,13 @@ class FilmBody(Riding, kind="film-body"):
     }
     headline: ClassVar = ("drift", "drift_massless", "held", "settled", "speed_max")
 
+    film: Film = entry("film and wave")
     body: Body = entry("the body")
     time: Ride = entry("duration of the simulation", default=Ride)
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        yield from super().faults_of_keys()
+        yield from self.film.faults_in(self.units)
         fluid = self.film.fluid
         yield from self.body.faults_in(self.units, fluid.density if fluid else None)
         if self.film.tension and self.floats:
@@ -221,7 +223,7 @@ class FilmBody(Riding, kind="film-body"):
     @cached_property
     def carried(self) -> HeavyFloat | LyingBody:
         """The body in the wave; SceneError if it cannot be simulated."""
-        wave, length = self.wave, _TURN * self.body.length
+        wave, length = self.film.wave(self.name), _TURN * self.body.length
         if self.floats:
             self._check_weight(wave)
             return HeavyFloat(wave, length, self.weight)
@@ -328,6 +330,14 @@ class FilmBody(Riding, kind="film-body"):
     def velocity(self) -> np.ndarray:
         return self.motion["velocity"][0] * self.film.speed_unit
 
+    @array("rad", "xi", "phase t - x of the wave")
+    def xi(self) -> np.ndarray:
+        return np.linspace(0.0, _TURN, 401)
+
+    @array("length", "xi", "thickness of the film")
+    def height(self) -> np.ndarray:
+        return self.carried.wave.height(self.xi) * self.film.height_unit
+
     @array("speed", "xi", "velocity of the body without mass over the phase")
     def velocity_massless(self) -> np.ndarray:
         return self.massless(self.xi) * self.film.speed_unit
@@ -422,6 +432,14 @@ class FilmBody(Riding, kind="film-body"):
         fluid = self.film.fluid
         return self.body.height * (self.body.density or 0.0) / fluid.density if fluid else 0.0
 
+    @scalar("speed", "speed of the wave (SI)", when="film.fluid")
+    def wave_speed(self) -> float:
+        return self.film.speed_unit
+
+    @scalar("length", "wavelength of the wave (SI)", when="film.fluid")
+    def wavelength(self) -> float:
+        return self.film.fluid.wavelength if self.film.fluid else 1.0
+
     @attributes
     def shape(self) -> dict[str, Any]:
         return {name: getattr(self.body, name) for name in ("on", "length", "height")}
@@ -475,4 +493,4 @@ class FilmBody(Riding, kind="film-body"):
             )
         yield from warnings_of_motion(self.motion, self.second_route)
         yield from self.film.fluid.warnings() if self.film.fluid else ()
-        yield from reach_warnings(self.wave, self.film.thinness)
+        yield from reach_warnings(self.carried.wave, self.film.thinness)

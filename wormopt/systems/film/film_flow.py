@@ -13,6 +13,7 @@ from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.result import Check
 from wormopt.study import (
     Given,
+    Study,
     checks,
     entry,
     facts,
@@ -25,7 +26,7 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import wrong_order
-from wormopt.systems.film.tables import OnFilm, Share, SharePair
+from wormopt.systems.film.tables import Film, Share, SharePair
 
 with on_use():
     import numpy as np
@@ -142,7 +143,7 @@ class OverAmplitude:
     )
 
 
-class FilmFlow(OnFilm, kind="film-flow"):
+class FilmFlow(Study, kind="film-flow"):
     """Compute the mean flow of a magnetic fluid film under a wave, and its field.
 
     The field is the least that makes the travelling wave. Flow and field are compared with those of
@@ -160,8 +161,18 @@ class FilmFlow(OnFilm, kind="film-flow"):
         "c_constant", "mean_flow", "mean_flow_corrected", "mean_flow_bar", "mean_flow_per_eps2",
     )  # fmt: skip
 
+    film: Film = entry("film and wave")
     curves: Curves = entry("cosine waves for comparison", default=Curves)
     samples: int = whole(2, 100000, "number of phases in the result", default=401)
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield what is missing of the film, or does not fit the units."""
+        yield from self.film.faults_in(self.units)
+
+    @cached_property
+    def wave(self) -> Wave:
+        """The wave."""
+        return self.film.wave(self.name)
 
     @cached_property
     def harmonics(self) -> FourierWave:
@@ -201,6 +212,11 @@ class FilmFlow(OnFilm, kind="film-flow"):
             tension_number=tension,
             surface_speed_max=float(np.max(surface_velocity(h, wave.constant))),
         )
+
+    @property
+    def knows_eps(self) -> bool:
+        """Whether depth times wave number is known."""
+        return self.film.thinness is not None
 
     @scalar("1", "*ε* (SI, or as in the scene)", when="knows_eps")
     def eps(self) -> float:

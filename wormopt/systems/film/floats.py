@@ -10,10 +10,11 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from wormopt.errors import SceneError, SolveError
+from wormopt.errors import Fault, SceneError, SolveError
 from wormopt.result import Check
 from wormopt.study import (
     Given,
+    Study,
     array,
     attributes,
     checks,
@@ -28,7 +29,7 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.study.numerics import ToleranceTable
-from wormopt.systems.film.tables import MOST_PERIODS, Length, Ride, Riding
+from wormopt.systems.film.tables import MOST_PERIODS, Film, Length, Ride
 from wormopt.systems.shared.studies import refused_at
 
 with on_use():
@@ -48,6 +49,7 @@ with on_use():
         tracers,
     )
     from wormopt.systems.film.next_order import reach_warnings
+    from wormopt.systems.film.shapes import Wave
     from wormopt.systems.shared.proof import (
         CrossCheck,
         accepted_error,
@@ -215,7 +217,7 @@ class TracerNumbers:
     tracer_trapped: Any = value("1", "whether the wave holds the tracer", when="tracers")
 
 
-class Float(Riding, kind="float"):
+class Float(Study, kind="float"):
     """Compute the drift of floats and fluid particles on a film with a travelling wave.
 
     Floats of several lengths and tracers in the fluid are simulated, and compared with formulas.
@@ -242,12 +244,22 @@ class Float(Riding, kind="float"):
         "float_drift_bar",
     )  # fmt: skip
 
+    film: Film = entry("film and wave")
     floats: Floats = entry("bodies on the surface", default=Floats)
     tracers: Tracers | None = entry("tracers in the fluid", default=None)
     time: Ride = entry("duration of the simulation", default=Ride)
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield what is missing of the film, or has no effect."""
+        yield from self.film.faults_in(self.units)
+
     # -- drift by formulas -------------------------------------------------------------------------
+
+    @cached_property
+    def wave(self) -> Wave:
+        """The wave."""
+        return self.film.wave(self.name)
 
     @cached_property
     def lengths(self) -> list[float]:
@@ -385,6 +397,11 @@ class Float(Riding, kind="float"):
         captured = [drift.captured for drift in ride.drifts]
         return TracerNumbers(**self.numbers_of(ride), tracer_trapped=one_or_all(captured))
 
+    @property
+    def knows_eps(self) -> bool:
+        """Whether depth times wave number is known."""
+        return self.film.thinness is not None
+
     @cached_property
     def corrected(self) -> list[Any]:
         """Drifts with the next order."""
@@ -429,6 +446,14 @@ class Float(Riding, kind="float"):
     def float_length(self) -> Any:
         return one_or_all(self.floats.length)
 
+    @scalar("speed", "speed of the wave (SI)", when="film.fluid")
+    def wave_speed(self) -> float:
+        return self.film.speed_unit
+
+    @scalar("length", "wavelength of the wave (SI)", when="film.fluid")
+    def wavelength(self) -> float:
+        return self.film.fluid.wavelength if self.film.fluid else 1.0
+
     @array("time", "time", "time", name="time")
     def instants(self) -> np.ndarray:
         return self.motion_of_floats.time * self.film.time_unit
@@ -444,6 +469,14 @@ class Float(Riding, kind="float"):
     @array("length", "tracer time", "height of the tracers", when="tracers")
     def tracer_height(self) -> np.ndarray:
         return self.motion_of_tracers["height"] * self.film.height_unit
+
+    @array("rad", "xi", "phase t - x of the wave")
+    def xi(self) -> np.ndarray:
+        return np.linspace(0.0, _TURN, 401)
+
+    @array("length", "xi", "thickness of the film")
+    def height(self) -> np.ndarray:
+        return self.wave.height(self.xi) * self.film.height_unit
 
     @array("1", "xi", "(mu - 1) H^2 / (8 pi) over P of the least field")
     def field_squared(self) -> np.ndarray:

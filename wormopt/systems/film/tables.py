@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
 from wormopt.errors import ArgumentError, Fault, SceneError
-from wormopt.study import Given, Study, array, entry, number, on_use, scalar, whole
+from wormopt.study import Given, entry, number, on_use, whole
 from wormopt.study.types import Finite
 from wormopt.systems.film.units import Fluid
 from wormopt.systems.spiked import why_unreadable
@@ -317,43 +316,3 @@ class Resolution(Given):
             yield "most", f"is less than grid.points; write at least {self.points}"
         if self.points < 2 * self.order:
             yield "points", f"is too small for order {self.order}; write {2 * self.order}"
-
-
-class OnFilm(Study):
-    """A study of a film with a wave."""
-
-    film: Film = entry("film and wave")
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what is missing of the film, or does not fit the units."""
-        yield from self.film.faults_in(self.units)
-
-    @cached_property
-    def wave(self) -> Wave:
-        """The wave."""
-        return self.film.wave(self.name)
-
-    @property
-    def knows_eps(self) -> bool:
-        """Whether depth times wave number is known."""
-        return self.film.thinness is not None
-
-
-class Riding(OnFilm):
-    """A study of bodies that ride on a wave."""
-
-    @array("rad", "xi", "phase t - x of the wave")
-    def xi(self) -> np.ndarray:
-        return np.linspace(0.0, 2 * math.pi, 401)
-
-    @array("length", "xi", "thickness of the film")
-    def height(self) -> np.ndarray:
-        return self.wave.height(self.xi) * self.film.height_unit
-
-    @scalar("speed", "speed of the wave (SI)", when="film.fluid")
-    def wave_speed(self) -> float:
-        return self.film.speed_unit
-
-    @scalar("length", "wavelength of the wave (SI)", when="film.fluid")
-    def wavelength(self) -> float:
-        return self.film.fluid.wavelength if self.film.fluid else 1.0
