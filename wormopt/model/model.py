@@ -714,10 +714,7 @@ def pack(signals: Sequence[Signal | Delay]) -> ca.SX:
 
 
 def lie(model: Model, expression: ca.SX) -> ca.SX:
-    """Time derivative along a model's ode of a column of its states and time.
-
-    Raises ArgumentError if it contains delayed signals, whose rates the model does not know.
-    """
+    """Time derivative along a model's ode of a column of its states and time."""
     if ca.depends_on(expression, pack(model.delays)):
         raise ArgumentError(f"{model.name}: rates of delayed signals are unknown")
     return ca.jtimes(expression, pack(model.x), model.ode) + ca.jacobian(expression, model.t)

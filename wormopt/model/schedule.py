@@ -226,8 +226,7 @@ def piecewise_constant(
 ) -> ParameterPath:
     """Draw parameters that take new, independent values after every interval.
 
-    Uniform on mean ± spread, (n,), 0 <= spread < mean, so positive; the last stays after
-    `horizon`. Raises ArgumentError if a parameter might not be positive, or a time is not.
+    Uniform on mean ± spread, (n,), 0 <= spread < mean, so positive; the last stays after `horizon`.
     """
     mean, spread = _columns(mean, spread)
     if not np.all((spread >= 0) & (spread < mean) & np.isfinite(mean)):

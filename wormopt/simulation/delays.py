@@ -38,9 +38,7 @@ def integrate_delayed(
 ) -> tuple[InitialValueProblem, Outcome]:
     """Integrate a task whose model has delays.
 
-    Returns it with the schedules of all past signals, by which these can be observed. Raises
-    ArgumentError if the route keeps no polynomials of its steps, a lag is not positive, or
-    derivatives are requested.
+    Returns it with the schedules of all past signals, by which these can be observed.
     """
     if route == "cvodes" or task.system.model.alg.numel():
         raise ArgumentError("implicit integrators do not support delays; write route = 'auto'")

@@ -124,27 +124,8 @@ def scheduled(
 ) -> tuple[Schedule, bool]:
     """The schedule `held` with the instants of a motion and the values of conditions in between.
 
-    Gives it, and whether all that is narrow has been found.
-
-    Parameters
-    ----------
-    timed : Timed
-        Functions of time.
-    held : Schedule
-        Its symbols take the place of the conditions.
-    span : (float, float)
-        First and last time.
-    fixed : ndarray
-        Values of parameters and inputs.
-    schedules : tuple of Schedule
-        The model's own.
-    longest : float
-        Longest step.
-
-    Raises
-    ------
-    SolveError
-        If conditions change too often to be followed.
+    Also returns whether all that is narrow has been found. `fixed`: values of parameters and
+    inputs; `schedules`: the model's own; `longest`: longest step.
     """
     used = _used(timed)
     # members of an ensemble that differ elsewhere have the same instants
@@ -395,13 +376,6 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
     """Hold the conditions of a task; None if there are none, nor narrow functions.
 
     `switches`: whether its integrator knows switches.
-
-    Raises
-    ------
-    ArgumentError
-        If derivatives are asked for by what moves an instant, and there are no switches.
-    SolveError
-        If conditions change too often to be followed.
     """
     model = task.system.model
     if not _may_have(task.system):

@@ -128,10 +128,7 @@ class Impulses:
         return ca.Function("kick", symbols, kicked.call([*symbols, impulses]))
 
     def _given(self, free: ca.SX) -> ca.SX:
-        """Normal and tangential impulses, from the rates that contacts would have without them.
-
-        Each contact by itself.
-        """
+        """Normal and tangential impulses, from the rates that contacts would have without them."""
         contacts, h = self.model.contacts, self.symbols[4]
         stops, n_c = -free / ca.diag(self._response), len(contacts)
         normal = ca.if_else(self._gaps <= 0, ca.fmax(0, stops[:n_c]), 0)
@@ -186,10 +183,7 @@ class Impulses:
         return ca.Function("linear", [x, p], [ca.densify(J)])
 
     def check(self, x0: np.ndarray, numbers: np.ndarray) -> None:
-        """Refuse walls that act on one another and may be closed at the same time.
-
-        Checked in the state `x0`; raises ArgumentError if there are two.
-        """
+        """Refuse walls that act on one another and may be closed at the same time."""
         contacts, x = self.model.contacts, pack(self.model.x)
         n_c, gaps = len(contacts), self._gaps
         asked = [self._response, gaps, ca.jacobian(gaps, x)]

@@ -213,10 +213,7 @@ def _limits(p: Data, rest: Sequence[int], corners: Sequence[Sequence[Fraction]])
 
 
 def _pushes(p: Data, h: Data, face: Sequence[int], rest: Sequence[int]) -> list[Push]:
-    """Accelerations whose convex hull contains the admissible ones on a face, at its corners.
-
-    They are given as rates of the face's coordinates, and of each y over v.
-    """
+    """Accelerations whose convex hull contains the admissible ones on a face, at its corners."""
     size = len(p["masses"])
     moving = [i for i in range(size) if i not in rest]
     corners = [[h["mesh_unit"] * x for x in h["vertices"][i]] for i in face]
