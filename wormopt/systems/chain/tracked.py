@@ -152,7 +152,11 @@ def follow(
 
 
 def follow_in_turn(simulations: Iterable[Callable[[], Tracked]]) -> list[Tracked]:
-    """Simulate several trackers."""
+    """Simulate several trackers.
+
+    Raises SolveError and Interrupted with the motions so far as `partial`; one that was interrupted
+    is kept only if it is the first, because signals end where the shortest motion does.
+    """
     found: list[Tracked] = []
     for simulation in simulations:
         try:

@@ -118,7 +118,10 @@ def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
 
 
 def straight(rod: Rod, along: float = 0.0) -> dict[str, np.ndarray]:
-    """Return the state of a straight rod at rest in the middle of the channel, by signal names."""
+    """Return the state of a straight rod at rest in the middle of the channel, by signal names.
+
+    Its first end is at `along`, in m.
+    """
     rest = np.zeros(rod.count)
     names = "across angle along_rate across_rate angle_rate".split()
     return {"along": along + rod.nodes, **dict.fromkeys(names, rest)}

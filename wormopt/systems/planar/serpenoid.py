@@ -123,7 +123,8 @@ def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, flo
     """Return amplitude (rad) and speed of the fastest infinite serpenoid body.
 
     The speed is relative to that of the material along the wave; `ratio` is the resistance across
-    over along.
+    over along. ArgumentError if it does not exceed 1 by enough: on dry ground waves then move the
+    body backward, because the recoil is a median of the tangents, not their mean.
     """
     if not ratio > 1:
         raise ArgumentError(f"ratio must be above 1 for forward motion, not {ratio}")
