@@ -40,8 +40,9 @@ _ARCS = 6
 _POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
 # Largest number of arcs.
 _MOST_UNKNOWNS, _MOST_HALVINGS = 1000, 5
-# Numbers of best trials that are refined, and from which smooth costs are minimised.
-_POLISHED = 2
+# Number of best trials of the energy that are refined; share of the cost within which costs are
+# minimised from other trials too: on arcs as coarse as theirs values differ by as much.
+_POLISHED, _NEAR = 2, 0.01
 # Refinement of the energy ends below this gain, as a share of the whole; accepted violation of
 # limits.
 _GAINED, _KEPT = 3e-7, 1e-9
@@ -62,7 +63,7 @@ def smoothest(
             trials, error = _resolved(task, settings, trials, report)
         if ended in DONE or not known:
             report("solving for the cost", 0.9)
-            solved, error_of_solved = _solved(task, trials[:_POLISHED], error, ended)
+            solved, error_of_solved = _solved(task, settings, trials, error, ended)
     except KeyboardInterrupt:
         ended = "interrupted"
     found = []
@@ -117,17 +118,19 @@ def _halved(trier: Trier, trial: Trial, gained: float, most: float) -> tuple[Tri
 
 
 def _solved(
-    task: GaitProblem, trials: list[Trial], error: float, ended: str
+    task: GaitProblem, settings: Search, trials: list[Trial], error: float, ended: str
 ) -> tuple[Solved | None, float]:
     """The best solution from some trials, refined if these are not resolved, and its error."""
-    resolved = is_energy(task)
-    if resolved:  # with more arcs it takes seconds and gains nothing
+    width, best = effort_of(settings).width, trials[0].value
+    if is_energy(task):  # resolved; with more arcs it takes seconds and gains nothing
         trials = [trial for trial in trials[:1] if len(trial.point.x) <= _MOST_UNKNOWNS]
-    found = [s for trial in trials if (s := solve_cost(task, trial))]
-    best = min(found, key=lambda s: s.objective, default=None)
-    if best is None or resolved or ended not in DONE:
-        return best, error
-    return refine_cost(best)
+    elif has_cost_columns(task):
+        trials = [trial for trial in trials if trial.value >= best - _NEAR * abs(best)]
+    found = [s for trial in trials[: 2 * width] if (s := solve_cost(task, trial))]
+    found.sort(key=lambda s: s.objective)
+    if not found or is_energy(task) or ended not in DONE:
+        return (found[0] if found else None), error
+    return refined(found[:width])
 
 
 def _of_solved(
@@ -305,24 +308,28 @@ def _loads(
     return forces, spent
 
 
-def refine_cost(solved: Solved) -> tuple[Solved, float]:
-    """Raise the degree until halving every arc gains less than 1e-6, or costs no longer decrease.
+def refined(found: list[Solved]) -> tuple[Solved, float]:
+    """Raise the degree of some solutions, and that of the best until it is resolved.
 
-    Also returns a first-order estimate of the relative gain by halving every arc; infinite if its
-    linear program has no solution.
+    It is if halving every arc gains less than 1e-6. Also returns a first-order estimate of this
+    relative gain; infinite if its linear program has no solution.
     """
-    error = _left_by_halving(solved)
-    for degree in (3, 5):
-        if error <= _RESOLVED:
-            break
-        mesh = solved.program.mesh
-        mesh = replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
-        program, bounds, start = _carry(solved, mesh)
-        found = _polished(program, start.w, bounds)
-        if found.objective < solved.objective and found.violation <= _FEASIBLE:
-            solved = replace(solved, program=program, bounds=bounds, solution=found)
-            error = _left_by_halving(solved)
-    return solved, error
+    best = min((_raised(solved, 3) for solved in found), key=lambda s: s.objective)
+    error = _left_by_halving(best)
+    if error > _RESOLVED and (better := _raised(best, 5)) is not best:
+        return better, _left_by_halving(better)
+    return best, error
+
+
+def _raised(solved: Solved, degree: int) -> Solved:
+    """The solution with states of a higher degree, itself if that costs no less."""
+    mesh = solved.program.mesh
+    mesh = replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
+    program, bounds, start = _carry(solved, mesh)
+    found = _polished(program, start.w, bounds)
+    if found.objective < solved.objective and found.violation <= _FEASIBLE:
+        return replace(solved, program=program, bounds=bounds, solution=found)
+    return solved
 
 
 def _left_by_halving(solved: Solved) -> float:
