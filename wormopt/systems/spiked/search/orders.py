@@ -14,7 +14,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import combinations, permutations
+from itertools import chain, combinations, permutations
 from math import comb
 from typing import Any
 
@@ -47,6 +47,8 @@ _TINY = 1e-9
 _ROUNDS = 500
 # Largest relative error of sums of some hundred terms of one sign.
 _ROUNDING = 1e-13
+# Largest number of links of waves with twice as many phases.
+_HANDED_OVER = 6
 # Sets drawn per mass in the search for mixes of few sets.
 _DRAWS = 4
 
@@ -418,15 +420,25 @@ def first_orders(task: GaitProblem) -> list[Sequence_]:
     """First orders of every search, for any number of links.
 
     Head and tail in turn, with and without a block between; the ceiling's resting sets in every
-    order; travelling waves, also of more resting masses if these share a load.
+    order; travelling waves, also of more resting masses if these share a load, and then also with
+    one mass more at rest between two phases.
     """
     n, fewest = task.worm.links, task.limits.resting
     found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]
-    found += [tuple(block_wave_sequence(n, a)) for a in task.resting_sizes]
+    blocks = {a: tuple(block_wave_sequence(n, a)) for a in task.resting_sizes}
+    found += blocks.values()
     waves = wave_orders(n, fewest)
+    if n <= _HANDED_OVER:
+        waves += [_handed_over(wave) for a, wave in blocks.items() if a + 1 in blocks]
     if not is_mirror_symmetric(task):
         waves += [mirrored(wave, n + 1) for wave in waves]
     return [s for s in dict.fromkeys([*found, *waves]) if is_gait(s)]
+
+
+def _handed_over(wave: Sequence_) -> Sequence_:
+    """The wave in which, between two phases, the resting masses of both share the load."""
+    both = (tuple(sorted({*a, *b})) for a, b in zip(wave, (*wave[1:], wave[0]), strict=True))
+    return tuple(chain.from_iterable(zip(wave, both, strict=True)))
 
 
 def _ends_in_turn(links: int, resting: int) -> Iterator[Sequence_]:

@@ -484,7 +484,7 @@ def _plain(race: Race, settings: Search) -> Iterator[str]:
     yield "plain orders"
     # climbs of the speed mostly reach the same optimum, climbs of costs do not
     speed = task.objective.minimise is None
-    starts, width = (1, 1) if speed else (effort.starts, 4)
+    starts, width = (1, 1) if speed else (1 if race.poor else effort.starts, 4)
     for start in range(starts):
         stage = race.announce("other starts", 0.5)
         race.restart(width * effort.width, (settings.seed, start))
