@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from wormopt.numerics.expressions import at_columns
+from wormopt.numerics.expressions import at_columns, at_rows
 
 
 @pytest.mark.parametrize("m", [0, 1, 511, 512, 513, 1025])
@@ -21,3 +21,14 @@ def test_a_function_without_entries_has_none_at_any_column():
     x = ca.SX.sym("x")
     function = ca.Function("none", [x], [ca.SX(0, 1)])
     assert at_columns(function, np.zeros((1, 3))).shape == (0, 3)
+
+
+def test_rows_are_evaluated_one_by_one_and_matrices_are_flat_by_columns():
+    """Results of one call are kept when the function is called again."""
+    x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
+    function = ca.Function("f", [x, y], [ca.horzcat(x, y * x, x**2), ca.densify(ca.SX(2, 1))])
+    rows = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    found, zero = at_rows(function, rows, 10.0)
+    at_rows(function, -rows, np.zeros((3, 1)))
+    assert found.tolist() == [[a, b, 10 * a, 10 * b, a * a, b * b] for a, b in rows.tolist()]
+    assert zero.tolist() == [[0.0, 0.0]] * 3

@@ -469,3 +469,21 @@ def at_columns(function: ca.Function, *columns: np.ndarray) -> np.ndarray:
             values = call(*(c[:, part].ravel(order="F") for c in columns))[0]
             found[:, part] = values.reshape(size, -1).T
     return found
+
+
+@lru_cache(maxsize=64)
+def _call_at(function: ca.Function, count: int) -> Call:
+    return Call(function.map(count))
+
+
+def at_rows(function: ca.Function, *rows: float | np.ndarray) -> list[np.ndarray]:
+    """All results (m, size) of a function, dense, at m rows of arguments; matrices by columns.
+
+    The first argument has m rows, a later one may have one or be a number.
+    """
+    m = len(np.asarray(rows[0]))
+    call = _call_at(function, m)
+    found = call(
+        *(np.broadcast_to(each, (m, function.numel_in(i))).ravel() for i, each in enumerate(rows))
+    )
+    return [part.reshape(m, -1).copy() for part in found]

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import SolveError
+from wormopt.numerics.expressions import at_rows
 from wormopt.ocp.motion import Guess
 from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim
 from wormopt.systems.planar.poses import compose, rotate
@@ -102,19 +103,13 @@ class Steps:
         xi, both = shape.twist, ca.vertcat(shape.s, shape.rates)
         hessian, slope = ca.hessian(potential, xi)
         symbols = [xi, shape.s, shape.rates, width]
-        newton = ca.Function("newton", symbols, [potential, slope, hessian])
-        slopes = ca.Function(
-            "slopes",
-            symbols,
-            [
-                hessian,
-                ca.jacobian(slope, both),
-                power,
-                ca.gradient(power, xi),
-                ca.gradient(power, both),
-            ],
+        newton = [potential, slope, hessian]
+        by_both, by_twist = ca.gradient(power, both), ca.gradient(power, xi)
+        slopes = [hessian, ca.jacobian(slope, both), power, by_twist, by_both]
+        return (
+            ca.Function("newton", symbols, list(map(ca.densify, newton))),
+            ca.Function("slopes", symbols, list(map(ca.densify, slopes))),
         )
-        return newton, slopes
 
     def twists(
         self, s: np.ndarray, rates: np.ndarray
@@ -151,16 +146,16 @@ class Steps:
         self, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float, near: float
     ) -> np.ndarray:
         newton, _ = self._functions
-        xi, function = xi.copy(), newton.map(len(s))
+        xi = xi.copy()
         slow = _SLOW * np.abs(rates).max(axis=1)  # where the head rests its twist is 0
-        value, slope, hessian = _mapped(function, xi, s, rates, width)
+        value, slope, hessian = at_rows(newton, xi, s, rates, width)
         for _ in range(_ITERATIONS):
             step = -np.linalg.solve(_regular(hessian), slope[..., None])[..., 0]
             falls = np.einsum("mi,mi->m", slope, step)
             size, worse, found = np.ones(len(s)), np.ones(len(s), dtype=bool), [value]
             for _ in range(30):
                 tried = xi + size[:, None] * step
-                found = _mapped(function, tried, s, rates, width)
+                found = at_rows(newton, tried, s, rates, width)
                 limit = value[:, 0] + 1e-4 * size * falls + 1e-13 * np.abs(value[:, 0])
                 worse = ~(found[0][:, 0] <= limit)
                 if not worse.any():
@@ -170,7 +165,7 @@ class Steps:
             xi = xi + size[:, None] * step
             value, slope, hessian = found
             if worse.any():
-                value, slope, hessian = _mapped(function, xi, s, rates, width)
+                value, slope, hessian = at_rows(newton, xi, s, rates, width)
             moved = np.abs(size[:, None] * step).max(axis=1)
             if np.all(moved <= near * (np.abs(xi).max(axis=1) + slow)):
                 break
@@ -190,7 +185,7 @@ class Steps:
         if not np.isfinite(xi).all():
             raise SolveError("no motion of least power was found along the stroke")
         _, slopes = self._functions
-        hessian, mixed, power, by_xi, by_both = _mapped(slopes.map(len(xi)), near, s, rates, width)
+        hessian, mixed, power, by_xi, by_both = at_rows(slopes, near, s, rates, width)
         hessian = _regular(hessian)
         mixed = mixed.reshape(-1, 2 * n_s, 3).transpose(0, 2, 1)
         xi_by = -np.linalg.solve(hessian, mixed)
@@ -247,22 +242,6 @@ class Steps:
             full[rows, rows] = h * one
             full[rows, : i * self.points] = np.tile(w * h, i)
         return tau, np.tile(w * h, self.parts), full
-
-
-def _mapped(
-    function: ca.Function,
-    xi: np.ndarray,
-    s: np.ndarray,
-    rates: np.ndarray,
-    width: float | np.ndarray,
-) -> list[np.ndarray]:
-    """Return values of a function at many instants, one row each (column-major within a row)."""
-    m = len(s)
-    found = function(xi.T, s.T, rates.T, np.broadcast_to(width, (m, 1)).T)
-    return [
-        np.asarray(part).reshape(part.shape[0], m, -1).transpose(1, 2, 0).reshape(m, -1)
-        for part in found
-    ]
 
 
 def _regular(hessian: np.ndarray) -> np.ndarray:
