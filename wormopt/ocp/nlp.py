@@ -23,6 +23,9 @@ from wormopt.model.given import check_flag, check_number, make_plain, whole
 # CasADi reports an interrupt as a failed solve with one of these statuses.
 _STOPPED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
 _LATE = ("Maximum_CpuTime_Exceeded", "Maximum_WallTime_Exceeded")
+# Programs of more instructions are not written out in scalars: that makes an iteration up to eight
+# times as fast, but derivatives take seconds and half a gigabyte to make.
+_SCALAR = 100_000
 
 
 class Solver(Hashable, Protocol):
@@ -202,8 +205,10 @@ class NonlinearProgram:
         They take longer to make than a solver, and solvers differ in their options only.
         """
         arguments = [self._nlp[key] for key in ("x", "p")], [self._nlp[key] for key in ("f", "g")]
-        # scalar expressions are three times as fast at these sizes
-        program = ca.Function("nlp", *arguments, ["x", "p"], ["f", "g"]).expand()
+        program = ca.Function("nlp", *arguments, ["x", "p"], ["f", "g"])
+        scalar = program.expand()
+        if scalar.n_instructions() <= _SCALAR:
+            program = scalar
         seen = {"gamma": ["f", "g"]}
         weighted = ["x", "p", "lam:f", "lam:g"]
         return program, {

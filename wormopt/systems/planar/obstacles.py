@@ -226,21 +226,24 @@ def inside(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
 
 def to_point(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return distances of points (..., 2) from segments a to b, all broadcast."""
-    way = b - a
-    square = np.maximum(np.sum(way**2, axis=-1), 1e-300)
-    share = np.clip(np.sum((point - a) * way, axis=-1) / square, 0.0, 1.0)
-    off = point - a - share[..., None] * way
-    return np.hypot(off[..., 0], off[..., 1])
+    (x, y), (u, v) = _parts(b - a), _parts(point - a)  # sums over an axis of two are slow
+    square = np.maximum(x * x + y * y, 1e-300)
+    share = np.minimum(np.maximum((u * x + v * y) / square, 0.0), 1.0)
+    return np.hypot(u - share * x, v - share * y)
 
 
 def between(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return distances of segments p to q from segments a to b, all broadcast; 0 if they cross."""
     ends = [to_point(p, a, b), to_point(q, a, b), to_point(a, p, q), to_point(b, p, q)]
-    least = np.min(np.broadcast_arrays(*ends), axis=0)
+    least = np.minimum(np.minimum(ends[0], ends[1]), np.minimum(ends[2], ends[3]))
     apart = (_side(a, b, p) * _side(a, b, q) >= 0) | (_side(p, q, a) * _side(p, q, b) >= 0)
     return np.where(apart, least, 0.0)
 
 
 def _side(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> np.ndarray:
-    way, off = b - a, point - a
-    return way[..., 0] * off[..., 1] - way[..., 1] * off[..., 0]
+    (x, y), (u, v) = _parts(b - a), _parts(point - a)
+    return x * v - y * u
+
+
+def _parts(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return vectors[..., 0], vectors[..., 1]
