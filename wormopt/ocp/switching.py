@@ -222,7 +222,7 @@ def optimise_switching_times(
             None if error is None else error.partial,
             "no_phases",
         )
-    near = replace(solver, mu_init=1e-5, warm=True) if isinstance(solver, Ipopt) else solver
+    near = replace(solver, mu_init=1e-8, warm=True) if isinstance(solver, Ipopt) else solver
     try:
         refined = refine(found[0], tolerance, p=p, solver=near, report=report)
     except SolveError:  # its defects show how exact it is

@@ -50,6 +50,8 @@ _HALVED = SwitchDetection(1e-4, first=1e-3, ratio=0.1)
 # Largest local error of an arc, in usual sizes of the states, that is not halved.
 _ROUGH = 3e-3
 _NEARBY = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=300)
+# Grids begin at a sharp optimum, not far from their own.
+_CLOSE = Ipopt(mu_init=1e-4)
 # State polynomials between switches, and the solver of phases: a wrong reading is left soon.
 _PHASE, _POLISH = Collocation(7), Ipopt(tolerance=1e-10, mu_init=1e-4, iterations=80)
 # Coarse optima whose objectives differ by a smaller share are the same one.
@@ -594,4 +596,4 @@ def _from_sharp(task: CrawlTask, near: Solved, job: tuple[int, Contacts]) -> Sol
     arcs, treatment = job
     degree = 3 if isinstance(treatment, Regularised) else 2
     mesh = Mesh.even(1, arcs, Collocation(degree, "radau"))
-    return _sent(_solved(task, _whole(near.optimum(task)), mesh, treatment, Ipopt(), _NARROW))
+    return _sent(_solved(task, _whole(near.optimum(task)), mesh, treatment, _CLOSE, _NARROW))
