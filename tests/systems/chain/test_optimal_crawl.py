@@ -72,10 +72,11 @@ def test_what_moves_the_worm_is_friction_alone(exact: Result):
 
 
 @pytest.mark.slow
-def test_relaxed_contact_converges_to_the_exact_crawl_with_order_about_one():
+def test_relaxed_contact_converges_to_the_exact_crawl():
+    """Smoothed friction with order one; grids faster, by how well their nodes meet switches."""
     result = crawl(want=("convergence",))
     assert 0.8 <= value(result, "order_smoothed") <= 1.3
-    assert 0.8 <= value(result, "order_complementarity") <= 1.3
+    assert value(result, "order_complementarity") >= 0.8
     assert value(result, "same_modes") is True
     for name in ("smoothed", "complementarity"):
         error = abs(value(result, f"objective_{name}") - value(result, "objective"))

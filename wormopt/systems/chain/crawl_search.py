@@ -581,7 +581,7 @@ def converging(task: CrawlTask, near: Solved, report: Report) -> Iterator[Solved
     """Solve with smoothed friction of several widths, then on finer grids; yields both in order."""
     arcs = task.mesh.arcs
     jobs: list[tuple[int, Contacts]] = [(5 * arcs, _narrower(near.speed))]
-    jobs += [(round(n * arcs), _TIGHT) for n in (10, 5, 2.5, 1.25)]
+    jobs += [(round(n * arcs), _TIGHT) for n in (5, 2.5, 1.25, 0.625)]
     found = dict(each(partial(_from_sharp, task, near), jobs, report, "convergence"))
     yield found[0]
     yield from (found[k] for k in (4, 3, 2, 1))
