@@ -518,3 +518,15 @@ def test_without_drag_no_gait_spends_less_than_the_load_asks_for():
     found = design(worm, FREE, "energy_per_distance", 0.3, search=own)
     assert found.motion.energy / found.motion.advance == pytest.approx(1000.0, rel=1e-6)
     assert found.speed >= 0.3 * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("mass", [1.0, (1.0, 2.0, 1.0, 1.0, 1.0)])
+def test_waves_that_hand_the_load_over_are_tried_first(mass):
+    """In every other phase the masses of both neighbours rest; from either end if these differ."""
+    worm = Worm(4, mass=mass, load=5.0)
+    task = GaitProblem(worm, G1_LIMITS, Objective("peak_spike_load", 0.3))
+    waves = [order for order in first_orders(task) if len(order) == 10]
+    for order in waves:
+        sets = [set(phase) for phase in order]
+        assert all(sets[k] == sets[k - 1] | sets[(k + 1) % 10] for k in range(1, 10, 2))
+    assert len(waves) == 3 * (1 if mass == 1.0 else 2)
