@@ -146,7 +146,7 @@ def _instructions(function: ca.Function, inputs: Sequence[str], output: str) -> 
             lines.append(f"    {output.format(result[1], f'a{given[0]}')};")
             continue
         if operation == ca.OP_INPUT:
-            value = inputs[given[0]].format(given[1])
+            value = inputs[int(given[0])].format(given[1])
         elif operation == ca.OP_CONST:
             value = f"ALL({number(function.instruction_constant(k))})"
         elif operation in OPERATIONS:
