@@ -41,10 +41,7 @@ def groups(result: Any) -> list[Part]:
 
 
 def trust(result: Any) -> Iterator[str]:
-    """Describe trust in lines: status and worst check, second route, warnings.
-
-    For a sweep also the number of points without an answer, by reason.
-    """
+    """Describe trust in lines: status and worst check, second route, warnings."""
     reason = f": {result.reason}" if result.reason else ""
     yield f"{result.status}{reason}{_worst(result.checks)}"
     yield from (f"{count} × {why}" for why, count in result.trust.get("reasons", {}).items())

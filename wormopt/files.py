@@ -59,10 +59,7 @@ def write_summary(folder: Path, summary: Mapping[str, Any], names: Iterable[str]
 
 
 def sealed(content: bytes) -> bytes:
-    """Insert the hash of a file into its mark; idempotent for unchanged files.
-
-    A file without a mark is unchanged.
-    """
+    """Insert the hash of a file into its mark; idempotent for unchanged files."""
     digest = hashlib.sha256(_marked(content, b"0" * 16)).hexdigest()
     return _marked(content, digest[:16].encode())
 
@@ -84,11 +81,7 @@ def _marked(content: bytes, digits: bytes) -> bytes:
 def write_files(
     files: Mapping[Path, bytes], *, force: bool | None = False, own: Collection[Path] = ()
 ) -> None:
-    """Write files, all or none, each whole; an equal file is left.
-
-    See `refuse_obstacle` for files that are replaced. Raises OutputError if anything else is in the
-    way, or if they cannot be written.
-    """
+    """Write files, all or none, each whole; an equal file is left."""
     files = {path: sealed(content) for path, content in files.items()}
     token = secrets.token_hex(4)
     path = next(iter(files), Path())

@@ -119,10 +119,7 @@ _UNIT = re.compile("(kg|m|s|A|K|mol|cd|rad|N|Pa|J|W|V|C|F|H|T|Wb|Hz|ohm)(-?[1-9]
 
 
 def unit_ratio(quantity: str, per: str, units: str) -> str:
-    """Unit of a derivative: of one quantity by another, both keys of `UNITS`.
-
-    `units` is "dimensionless" or "SI".
-    """
+    """Unit of a derivative: of one quantity by another, both keys of `UNITS`."""
     powers: dict[str, int] = {}
     for name, sign in ((quantity, 1), (per, -1)):
         for symbol, power in re.findall(r"([A-Za-z]+)(-?\d*)", unit_of(name, units)):
@@ -132,10 +129,7 @@ def unit_ratio(quantity: str, per: str, units: str) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Convert a value to JSON types: arrays to lists, NaN and infinity to None.
-
-    Raises TypeError for anything but numbers, texts, None, arrays, and lists or mappings of these.
-    """
+    """Convert a value to JSON types: arrays to lists, NaN and infinity to None."""
     if hasattr(value, "tolist"):  # arrays and numbers of NumPy
         value = value.tolist()
     if value is None or isinstance(value, bool | int | str):
@@ -406,10 +400,7 @@ def parsed(unit: str) -> tuple[Fraction, Dimension]:
 
 
 def scale(unit: str) -> tuple[Fraction, Dimension]:
-    """Size and dimension of a unit or of a multiple: "0.02 s" a frame, "-0.21 mm" a pixel.
-
-    ValueError describes the fault.
-    """
+    """Size and dimension of a unit or of a multiple: "0.02 s" a frame, "-0.21 mm" a pixel."""
     found = _TEXT.fullmatch(unit)
     size, dimension = parsed(found[2] if found else unit)
     factor = Fraction(found[1]) * size if found else size

@@ -116,10 +116,7 @@ _NO_MEMORY = "out of memory; use shorter times or fewer samples"
 
 
 def attempt(scene: Scene[Any], report: Report = silent, only: Sequence[str] = ()) -> Result:
-    """Run a scene; results before a failure are a Result too, with the reason.
-
-    Raises Interrupted, with such a Result, if it was stopped.
-    """
+    """Run a scene; results before a failure are a Result too, with the reason."""
     try:
         return run(scene, report=report, only=only)
     except SolveError as error:

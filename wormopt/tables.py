@@ -107,10 +107,7 @@ class TextTable:
 def read_table(
     path: Path, wrong: list[Wrong], *, time: str = "", named: bool = True
 ) -> TextTable | None:
-    """Read a table from a file; parameters and value are those of `parse_table`.
-
-    Raises OSError if the file cannot be read.
-    """
+    """Read a table from a file; parameters and value are those of `parse_table`."""
     if path.stat().st_size > _MOST_BYTES:
         wrong.append(("", " is larger than 500 MB; keep fewer samples, for example 100 per period"))
         return None
@@ -126,22 +123,9 @@ def parse_table(
 ) -> TextTable | None:
     """Read a table; faults are added to `wrong`, and None is returned if nothing can be read.
 
-    Parameters
-    ----------
-    text : str
-        Content of the file.
-    wrong : list of (str, str)
-        For each fault the column, "" for the whole table, and what is wrong, to be written behind
-        the name of the file: it begins with the number of the line.
-    time : str
-        Column by which the line of names is found. Without it, the line of names is the last one
-        above the numbers.
-    named : bool
-        Whether a line of names is needed. Without it, columns are called "1", "2" and so on.
-
-    Returns
-    -------
-    TextTable or None
+    A fault is the column, "" for the whole table, and what is wrong, to be written behind the name
+    of the file. The line of names has the column `time`; without that it is the last one above the
+    numbers. If it need not be there (`named`), columns are called "1", "2" and so on.
     """
     lines, remarks = _split(text)
     empty = " is empty; write a header with the names of its columns, then the numbers"
@@ -206,10 +190,7 @@ def parse_table(
 
 
 def unit_meant(name: str) -> tuple[str, str]:
-    """Name and apparent unit without brackets: ``t_ms``, ``t {ms}``.
-
-    The unit is "" if there is none.
-    """
+    """Name and apparent unit without brackets: ``t_ms``, ``t {ms}``."""
     for form in (r"[\[({<]\s*([^\W\d_]+)\s*[\])}>]", r"([^\W\d_]+)\W*$"):
         found = re.search(form, name)
         if found is None:
@@ -286,10 +267,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _separator(lines: list[tuple[int, str]]) -> str:
-    """Separator of the cells of the last lines, "" if they have only one cell.
-
-    It splits them into equal numbers of cells, most of which are numbers or empty.
-    """
+    """Separator of the cells of the last lines, "" if they have only one cell."""
 
     def share(separator: str) -> float:
         rows = [_cells(line, separator) for _, line in lines[-_LOOKED_AT:]]
@@ -307,11 +285,7 @@ def _separator(lines: list[tuple[int, str]]) -> str:
 
 
 def _line_of_names(lines: list[tuple[int, str]], separator: str, time: str) -> tuple[int, str]:
-    """Index of the line that names the columns, and its separator.
-
-    It is the line with the column of times; else the last line of words above the numbers; -1 if
-    there is none.
-    """
+    """Index of the line that names the columns, and its separator."""
     for each in (separator, *_SEPARATORS) if time else ():
         for k, (_, line) in enumerate(lines[:_MOST_ABOVE]):
             cells = _cells(line, each)
@@ -482,10 +456,7 @@ def _number(cell: str, comma: bool) -> float | None:
 
 
 def _bits_of_wrapped(numbers: Sequence[float]) -> int:
-    """Bits of unsigned numbers in which a column has negative ones, 0 if it has none.
-
-    Such a column is of whole numbers, each either small or just below the largest one.
-    """
+    """Bits of unsigned numbers in which a column has negative ones, 0 if it has none."""
     there = [v for v in numbers if v == v]
     if not there or min(there) < 0 or not all(v.is_integer() for v in there):
         return 0

@@ -13,6 +13,7 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Spike, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import TINY, Contact, Model, Output, Signal, pack
+from wormopt.model.schedule import Schedule
 from wormopt.systems.spiked.construct import block_wave, fast_gait
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.dynamics import spiked_worm
@@ -226,3 +227,31 @@ def test_values_beyond_their_bounds_are_refused(bounds: dict[str, Any], value: f
     signal.check(np.array([1.0, 1.0]))
     with pytest.raises(ArgumentError, match=words):
         signal.check(np.array([1.0, value]))
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("start", [0.0, 0.3, -7.1, 50.0])
+@pytest.mark.parametrize("span", [(0.05, 10.03), (-4.33, 2.56), (0.72, 0.78)])
+def test_breaks_between_two_times_are_those_of_all_turns(periodic, start, span):
+    breaks = np.array([0.0, 0.1, 0.4, 0.7])
+    symbols = ca.SX.sym("c"), ca.SX.sym("begin")
+    schedule = Schedule("c", *symbols, breaks, np.zeros((3, 1)), periodic, start)
+    turns = np.arange(-200, 200) if periodic else [0]
+    ends = np.sort([start + 0.7 * k + end for k in turns for end in breaks[1 : 3 + periodic]])
+    inside = ends[(span[0] < ends) & (ends < span[1])]
+    assert schedule.breaks_between(*span) == pytest.approx(inside, abs=1e-12)
+
+
+def test_the_next_break_is_always_a_later_one():
+    """Also where a schedule starts far from the times asked for, so that its breaks are rounded."""
+    rng = np.random.default_rng(5)
+    for start in [0.0, -7.1, 50.0, 1e3, -1e4] * 20:
+        breaks = np.append(0.0, np.cumsum(rng.uniform(0.01, 1.0, 3)))
+        begin = start * rng.uniform(0.5, 1.0)
+        symbols = ca.SX.sym("c"), ca.SX.sym("begin")
+        schedule = Schedule("c", *symbols, breaks, np.zeros((3, 1)), True, begin)
+        times = [rng.uniform(0.0, 2.0)]
+        for _ in range(20):
+            times.append(schedule.next_break(times[-1]))
+        assert np.diff(times).min() > 0.0
+        assert times[-1] - times[-19] == pytest.approx(6 * breaks[-1], rel=1e-9)

@@ -1,5 +1,7 @@
 """Conditions in a model's right-hand side, by closed forms: none is stepped over."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from wormopt.simulation.conditions import lifted
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.event_free import ending
 from wormopt.simulation.gradient import gradient
+from wormopt.simulation.held import _Pieces
 
 t, x, v, f = (ca.SX.sym(name) for name in "txvf")
 
@@ -348,3 +351,19 @@ def test_a_chain_on_ground_that_holds_without_limit_travels():
 def test_smooth_contact_refuses_infinite_friction():
     with pytest.raises(ArgumentError, match="finite friction"):
         wo.simulate(block(0.5, wo.Coulomb(0.25, np.inf)), 2.0, contact=wo.Smooth())
+
+
+def test_members_with_equal_schedules_share_their_instants():
+    """x' = 1 where sin(c t) > 0: to t = 2 pi, for half of the time, whatever c is."""
+    t, c = ca.SX.sym("t"), ca.SX.sym("c")
+    schedule = wo.Schedule("c", c, ca.SX.sym("begin"), np.array([0.0, 10.0]), np.array([[1.0]]))
+    states = [wo.Signal("x", ca.SX.sym("x"), value=0.0)]
+    model = wo.Model("gated", states, ca.if_else(ca.sin(c * t) > 0, 1.0, 0.0), t=t,
+                     schedules=[schedule])  # fmt: skip
+    members = [Scenario(schedules={"c": np.array([[k]])}) for k in (1.0, 2.0, 1.0, 2.0, 1.0)]
+    found = simulate_ensemble(model, 2 * np.pi, members)
+    assert found.end[:, 0] == pytest.approx(5 * [np.pi], rel=1e-9)
+    one, alike, other = (
+        _Pieces.of((replace(schedule, values=np.array([[k]])),)) for k in (1, 1, 2)
+    )
+    assert (one == alike, hash(one) == hash(alike), one == other) == (True, True, False)

@@ -448,14 +448,15 @@ def test_a_dip_into_the_layer_without_a_turn_is_not_passed_over(
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_stops_of_what_is_no_state_are_not_passed_over(route: Route, sign: float):
-    """The block of above stands on a belt that may run, beside a state of another size.
+    """The block of above stands on a belt that runs ever faster, beside a state of another size.
 
     Where steps end is chance, so that it starts with many speeds.
     """
     t, v, y, f, belt = (ca.SX.sym(name) for name in ("t", "v", "y", "f", "belt"))
     states = [Signal("v", v), Signal("y", y, value=100.0)]
-    ode, numbers = ca.vertcat(sign * (1 + 2 * (t - 5.0)) + f, 0), [Signal("belt", belt, value=0.0)]
-    contacts = [Contact("block", v - belt, f, Coulomb(1.0, 1.0))]
+    ode = ca.vertcat(sign * (1 + 2 * (t - 5.0)) + belt + f, 0)
+    numbers = [Signal("belt", belt, value=0.5)]
+    contacts = [Contact("block", v - belt * t, f, Coulomb(1.0, 1.0))]
     model = Model("on a belt", states, ode, t=t, p=numbers, contacts=contacts)
     passed = np.geomspace(3e-5, *((1e-2, 120) if route == "native" else (2e-3, 3)))
     blocks = simulate_ensemble(
@@ -463,7 +464,7 @@ def test_stops_of_what_is_no_state_are_not_passed_over(route: Route, sign: float
         contact=Smooth(V_REG), route=route,
         tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
     )  # fmt: skip
-    ends = [sign * block.end[0] for block in blocks.motions]
+    ends = [sign * (block.end[0] - 5.0) for block in blocks.motions]
     assert ends == pytest.approx(np.full(len(passed), 25.0), abs=5 * V_REG)
 
 

@@ -58,12 +58,13 @@ def test_a_switch_may_fire_where_a_schedule_breaks(route: Route, period: float):
     assert motion.end == pytest.approx([period / 2, 10.0], abs=1e-13)
 
 
-def test_a_jump_of_the_state_fires_other_switches(route: Route):
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_jump_of_the_state_fires_other_switches(route: Route, order: int):
     """At x = 1 it jumps to -1; y, which jumps to 3 then, is put back to 0 at once."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     states = [Signal("x", x, value=0.0), Signal("y", y, value=0.0)]
     switches = [Switch("first", x - 1, ca.SX([-1, 3])), Switch("second", y - 2, ca.vertcat(x, 0))]
-    model = Model("jumps", states, ca.SX([1, 0]), switches=switches)
+    model = Model("jumps", states, ca.SX([1, 0]), switches=switches[::order])
     motion = simulate(model, 6.0, route=route)
     assert [event.name for event in motion.events] == ["first", "second"] * 3
     assert event_times(motion) == pytest.approx([1, 1, 3, 3, 5, 5], abs=1e-12)

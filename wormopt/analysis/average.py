@@ -86,8 +86,7 @@ class Wave:
     def of(cls, velocity: ca.Function, symbols: ca.SX, values: np.ndarray) -> Wave:
         """Shortest wave equal to `velocity`, a function (symbols, theta) -> velocity.
 
-        `values` (n, m): numbers for `symbols` (n, 1) that show which harmonics are present. Raises
-        ArgumentError above 31 harmonics, or for other functions than trigonometric polynomials.
+        `values` (n, m): numbers for `symbols` (n, 1) that show which harmonics are present.
         """
         degree = _harmonics_in(velocity, values)
         count = 2 * degree + 2
@@ -104,7 +103,6 @@ class Wave:
         """Find the sign changes of a velocity that depends on theta.
 
         `values` (n, m): numbers for `symbols` (n, 1), on which the coefficients depend.
-        Raises ArgumentError for several harmonics whose shape depends on the states.
         """
         there = self._there(symbols, values)
         if len(there) == 1:

@@ -16,10 +16,7 @@ from wormopt.errors import ArgumentError
 
 
 def frequencies(linear: LinearModel) -> np.ndarray:
-    """Choose frequencies that show the effect of poles and zeros, with resonances resolved.
-
-    Ascending, from a decade below to a decade above all poles and zeros but those at 0.
-    """
+    """Choose frequencies that show the effect of poles and zeros, with resonances resolved."""
     corners = np.append(linear.poles, linear.zeros)
     sizes = np.abs(corners)
     corners = corners[sizes > 1e-9 * max(sizes, default=0.0)]

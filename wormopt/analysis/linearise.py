@@ -298,10 +298,7 @@ class LinearModel:
         return self.phase_kind == "minimum phase"
 
     def _markov(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """D, C B, C A B, ..., C A^(n-1) B, and for each entry whether it exceeds rounding.
-
-        Rounding is bounded entry by entry, by the same products of absolute values.
-        """
+        """D, C B, C A B, ..., C A^(n-1) B, and for each entry whether it exceeds rounding."""
         yield self.D, self.D != 0
         power, size, scale = self.C, np.abs(self.C), np.ones((len(self.outputs), 1))
         for k in range(len(self.states)):

@@ -261,10 +261,7 @@ def _complete(found: _Pairs, K: csc_array, M: csc_array) -> bool:
 
 
 def _negative(matrix: csc_array) -> int:
-    """Number of negative eigenvalues: that of negative pivots, by Sylvester's law of inertia.
-
-    LinAlgError if the pivots are not those of the diagonal.
-    """
+    """Number of negative eigenvalues: that of negative pivots, by Sylvester's law of inertia."""
     options = {"SymmetricMode": True}
     found = splu(matrix, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
     if not np.array_equal(found.perm_r, found.perm_c):

@@ -26,10 +26,7 @@ from wormopt.version import VERSION
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line (by default of the process) and return the exit code.
-
-    Raises SystemExit after ``--help`` and on arguments that cannot be understood.
-    """
+    """Run the command line (by default of the process) and return the exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A terminal whose encoding has no λ shows its code, and the program does not end.
         sys.stdout.reconfigure(errors="backslashreplace")

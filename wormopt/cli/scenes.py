@@ -165,10 +165,7 @@ class _Packaged(NamedTuple):
 
 
 def _found(options: argparse.Namespace) -> dict[str, dict[str, list[_Packaged]]]:
-    """Return the scenes asked for, by group and kind.
-
-    A kind that has all words brings all its scenes; another one brings those that have all words.
-    """
+    """Return the scenes asked for, by group and kind."""
     packaged: dict[str, list[_Packaged]] = {kind: [] for kind in KINDS}
     for name, path in packaged_scenes().items():
         raw = tomllib.loads(path.read_text(encoding="utf-8"))

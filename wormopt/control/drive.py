@@ -80,10 +80,7 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
 
 
 def _cut(inputs: Sequence[Signal], values: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
-    """Cut inputs over time to their bounds; also the output that shows where.
-
-    Without bounds the inputs are unchanged, and there is no output.
-    """
+    """Cut inputs over time to their bounds; also the output that shows where."""
     bounds = np.array([(s.lower, s.upper, s.nominal) for s in inputs for _ in range(s.size)])
     if not np.any(np.isfinite(bounds[:, :2])):
         return values, ()

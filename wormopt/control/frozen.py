@@ -42,10 +42,7 @@ class Plant:
 
     @classmethod
     def of(cls, linear: LinearModel, inputs: int) -> Plant:
-        """Split the inputs of a LinearModel: the first `inputs` are u, the others ground forces.
-
-        Raises ArgumentError unless u acts on the second derivatives of as many outputs.
-        """
+        """Split the inputs of a LinearModel: the first `inputs` are u, the others ground forces."""
         matrices, shifts = (linear.A, linear.B, linear.C, linear.D), 1
         while shifts:
             matrices, shifts = without_shifts(matrices)

@@ -70,10 +70,7 @@ def through_hardware(
 
     Adds the output or state ``seen`` (y and y'), with a delay the parameter ``measurement_delay``,
     with noise the schedule ``noise``, with a period the states ``held_input``, ``input_before``
-    (where the rate is limited) and ``next_sample``. Raises ArgumentError if a number is out of
-    range, `rate` or steps are given without a period, the output is not linear in the states with
-    constant coefficients, noise lacks a row for each entry, or the loop has delays of the delayed
-    signal.
+    (where the rate is limited) and ``next_sample``.
     """
     _check(delay, period, rate, output_step, input_step)
     x, n, y = pack(plant.x), plant.n_x, plant[output]

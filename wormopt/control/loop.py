@@ -221,11 +221,7 @@ class TrackingError:
 
     @classmethod
     def of(cls, plant: Model, reference: Reference, output: str = "length") -> TrackingError:
-        """Tracking error of a plant's output; e' follows from the plant's ode.
-
-        Raises ArgumentError if there is no such output, if the reference does not fit, or if the
-        output's rate depends directly on inputs or contact forces (relative degree below two).
-        """
+        """Tracking error of a plant's output; e' follows from the plant's ode."""
         y = followed_by(plant, reference, output)
         rate = lie(plant, y)
         acting = ca.vertcat(pack(plant.u), plant.forces)
@@ -312,10 +308,7 @@ def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:
 
 
 def input_of(plant: Model, size: int, name: str = "input") -> Signal:
-    """The plant's input by which a loop is closed.
-
-    Raises ArgumentError if there is none of that name, of `size` scalars.
-    """
+    """The plant's input by which a loop is closed."""
     for signal in plant.u:
         if signal.name == name and signal.size == size:
             return signal
@@ -332,11 +325,7 @@ def actuated(
     actuator: Actuator,
     feedforward: FeedForward | None,
 ) -> tuple[ca.SX, tuple[Signal, ...]]:
-    """Force (n, 1) of actuators under a command, with a feed-forward, and its parameters.
-
-    Raises ArgumentError if an argument is of another kind, or the plant has no ``stiffness`` of as
-    many entries for moved rest lengths.
-    """
+    """Force (n, 1) of actuators under a command, with a feed-forward, and its parameters."""
     check_choice("actuator", actuator, get_args(Actuator))
     force = _moved(plant, command) if actuator == "rest_length" else command
     if feedforward is None:
@@ -408,7 +397,6 @@ def close(
     Plant states come first; the ``reset`` of `switches` contains the controller's states only. The
     input's name becomes that of an output. If the input has bounds the force is cut to them, and
     the output ``saturated`` is 1 while it is cut.
-    Raises ArgumentError if the plant has no such input of the force's size.
     """
     signal = input_of(plant, force.numel(), input)
     force, saturation = saturated(signal, force)
@@ -461,10 +449,7 @@ def cut(plant: Model, loop: Model, input: str = "input") -> Model:  # noqa: A002
 
 
 def saturated(signal: Signal, command: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
-    """Cut a command to its input's bounds; the output is 1 where it is cut, else 0.
-
-    Without bounds the command is unchanged, and there is no output.
-    """
+    """Cut a command to its input's bounds; the output is 1 where it is cut, else 0."""
     kept, beyond = command, ca.SX.zeros(command.numel())
     if signal.lower > -np.inf:
         kept, beyond = ca.fmax(kept, signal.lower), beyond + (command < signal.lower)
@@ -522,7 +507,6 @@ def with_reference(plant: Model, reference: Reference, output: str = "length") -
     """Compare a plant's output with a reference unknown to the plant itself.
 
     Adds the reference's schedule and sets ``reference``, ``error`` and ``error_norm``.
-    Raises ArgumentError as `TrackingError.of`.
     """
     compared = TrackingError.of(plant, reference, output).shown(reference)
     names = {output.name for output in compared}
@@ -536,9 +520,7 @@ def with_reference(plant: Model, reference: Reference, output: str = "length") -
 def as_tracked(plant: Model, output: str = "length", input: str = "input") -> Model:  # noqa: A002
     """Call a plant's output ``length``, its rate ``rate`` and its input ``input``, as of a chain.
 
-    Other inputs become parameters with their values. Raises ArgumentError, with ``output=`` or
-    ``input=`` in the message, if there is no such signal, if sizes differ, if the input does not
-    accelerate the output forward, or if another signal has one of these names.
+    Other inputs become parameters with their values.
     """
     y = _tracked(plant, output)
     signal = input_of(plant, y.numel(), input)

@@ -17,10 +17,7 @@ _FLASH = 32_256  # bytes for programs on an Uno
 
 
 def make(exported: ExportedGait, stem: str) -> dict[str, bytes]:
-    """``NAME/NAME.ino``, ``NAME/NAME.h`` and ``NAME/NAME.c``; a sketch needs its own folder.
-
-    Raises ArgumentError if a cycle is too long for the clock, or a number for its type.
-    """
+    """``NAME/NAME.ino``, ``NAME/NAME.h`` and ``NAME/NAME.c``; a sketch needs its own folder."""
     name = identifier(stem)
     gait = exported.gait
     cycle = round(gait.period / _MICROSECOND)

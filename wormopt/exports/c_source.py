@@ -50,10 +50,7 @@ _IN_PROGRAM = """
 
 
 def make(exported: ExportedGait, stem: str) -> dict[str, bytes]:
-    """Files of a gait: ``STEM.h``, ``STEM.c`` and ``STEM_replay.c``.
-
-    Raises ArgumentError if C could not include a file of that name.
-    """
+    """Files of a gait: ``STEM.h``, ``STEM.c`` and ``STEM_replay.c``."""
     if not stem.isprintable() or '"' in stem or "\\" in stem:
         raise ArgumentError(f"{stem!r}: C includes no file of that name; write letters and digits")
     replay = _replay(exported, identifier(stem), f"{stem}.h")

@@ -52,10 +52,7 @@ def remarks(result: Result) -> list[str]:
 
 
 def whole_steps(period: float, step: float) -> float:
-    """Smallest multiple of a step that is no shorter than a period.
-
-    Raises ArgumentError if it has fewer than three steps.
-    """
+    """Smallest multiple of a step that is no shorter than a period."""
     exact = Fraction(repr(float(step)))
     count = math.ceil(Fraction(repr(float(period))) / exact - _NO_STEP)
     if count < _FEWEST_STEPS:
@@ -112,10 +109,7 @@ class ExportedGait:
         return (f"lengths are multiples of {step}; rates and accelerations are those before that",)
 
     def in_whole_steps(self, step: float) -> ExportedGait:
-        """Slow the gait to the next multiple of a step, so that limits still hold.
-
-        Raises ArgumentError if a cycle has fewer than three steps.
-        """
+        """Slow the gait to the next multiple of a step, so that limits still hold."""
         cycle = whole_steps(self.gait.period, step)
         if cycle == self.gait.period:
             return self
@@ -137,7 +131,6 @@ def target(output: str | Path | None, name: str, suffixes: Sequence[str]) -> tup
     """Folder to write to, and the stem of the names of files.
 
     `name` is used if `output` is only a folder; `suffixes` are those of the requested formats.
-    Raises OutputError if `output` has another one.
     """
     if output is None:
         return Path(), _plain(name)
@@ -166,8 +159,7 @@ def _plain(name: str) -> str:
 def multiples(step: float, first: float, last: float) -> list[Decimal]:
     """All k * step from `first` to `last`, both included but for round-off.
 
-    The step is the shortest decimal that reads as it: three times 0.1 are 0.3. Raises
-    ArgumentError if it is not positive, or there are none, or more than a million.
+    The step is the shortest decimal that reads as it: three times 0.1 are 0.3.
     """
     if not (isinstance(step, int | float) and math.isfinite(step) and step > 0):
         raise ArgumentError(f"the step must be positive, not {step!r}")

@@ -37,8 +37,7 @@ def make(
 
     A single table without time is ``STEM.csv``; a sweep has a row for each point. With `columns`,
     only signals of these names; with `whole_steps`, one closed cycle of the gait, slowed down to
-    whole steps. Raises ArgumentError if there is nothing to write, there are no such columns, or
-    a step is given without time.
+    whole steps.
     """
     made = tables(result, stem, step, columns, whole_steps=whole_steps)
     return {f"{name}.csv": _text(*table) for name, table in made.items()}

@@ -92,11 +92,7 @@ class Plant:
 
 
 def make(plants: Sequence[Plant], stem: str, version: Literal[2, 3] = 3) -> dict[str, bytes]:
-    """``STEM.fmu``, or ``STEM_0.fmu`` and so on for several models; of FMI 3.0 or 2.0.
-
-    Raises ArgumentError if a model has algebraic variables, walls or switches that change its
-    states, or there is no C compiler or no CasADi that exports FMUs.
-    """
+    """``STEM.fmu``, or ``STEM_0.fmu`` and so on for several models; of FMI 3.0 or 2.0."""
     stems = [stem] if len(plants) == 1 else [f"{stem}_{k}" for k in range(len(plants))]
     pairs = zip(stems, plants, strict=True)
     return {f"{each}.fmu": _archive(plant, each, version) for each, plant in pairs}

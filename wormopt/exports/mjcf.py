@@ -34,8 +34,7 @@ _SHARE = {"rear": 0.0, "bisector": 0.5, "front": 1.0}  # of a joint angle in the
 def make(robot: Robot, stem: str, step: float = 0.001) -> dict[str, bytes]:
     """``STEM.xml``: the worm, with one keyframe for each step of a cycle.
 
-    The step is the largest one of at most `step` that divides the cycle. Raises ArgumentError if it
-    is not positive or gives too many keyframes.
+    The step is the largest one of at most `step` that divides the cycle.
     """
     steps = steps_of(robot, step)
     step = robot.cycle / steps
@@ -178,11 +177,7 @@ def _feet(robot: Robot, root: Element, firm: dict[str, Any]) -> None:
 
 
 def _actuators(robot: Robot, root: Element, step: float) -> int:
-    """Actuators and their number.
-
-    Servos of positions and rates of the joints, or the springs of elastic links; then constant
-    forces: loads, and friction that differs ahead and back.
-    """
+    """Actuators and their number."""
     actuators = add(root, "actuator")
     rotors = np.array([_rotor(robot, name) for name in robot.joints])
     stiffness = rotors * (_SERVO / step) ** 2 if robot.elastic is None else robot.elastic[0]

@@ -27,9 +27,6 @@ def make(
 
     With `rest` it begins and ends at rest: in the first and the last half cycle the motion is
     slower, so that no rate grows.
-
-    Raises ArgumentError if the step is below a nanosecond or gives too many points, or there is
-    no cycle.
     """
     if not isinstance(cycles, int) or cycles < 1:
         raise ArgumentError(f"cycles must be a whole number, 1 or above, not {cycles!r}")

@@ -24,10 +24,7 @@ _FREE = 0.05  # of the range of a joint, kept beyond its targets
 
 
 def make(robot: Robot, stem: str, step: float = 0.01) -> dict[str, bytes]:
-    """``STEM.urdf``, and ``STEM_joints.csv`` with a closed cycle in equal steps of at most `step`.
-
-    Raises ArgumentError if the step is not positive or gives too many rows.
-    """
+    """``STEM.urdf``, and ``STEM_joints.csv``: a closed cycle in equal steps of at most `step`."""
     root = Element("robot", name=stem)
     for i in range(len(robot.mass)):
         _body(robot, root, i)

@@ -70,8 +70,7 @@ def points(
     """Points of studies, in their order; those in the store are read, the others computed.
 
     They are computed in rounds, because another process may be computing a point. `text` names the
-    purpose in reports. Raises Interrupted, or SolveError if a cluster is lost, with all points as
-    `partial`, some of them "not computed".
+    purpose in reports.
     """
     store.open()
     seen: dict[str, bytes] = {}

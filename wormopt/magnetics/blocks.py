@@ -92,8 +92,7 @@ def block_field(
 ) -> BlockField:
     """Series of the field of blocks of `on` coils in an endless row, repeated every `every` coils.
 
-    `half`: half width of the strip, m; terms below the share `tolerance` are dropped. Raises
-    ArgumentError if a block exceeds the pattern, or the strip reaches the coils.
+    `half`: half width of the strip, m; terms below the share `tolerance` are dropped.
     """
     if not 0 < on < every:
         raise ArgumentError(

@@ -307,10 +307,7 @@ class CoilRow:
                 yield k, middle
 
     def _seen(self, x: Any, y: Any, z: Any) -> Iterator[tuple[int, Any, Any, list[Any]]]:
-        """Points relative to each coil: squared and axial distance, components away from its axis.
-
-        The component along the axis is None.
-        """
+        """Squared and axial distance of points from each coil, components away from its axis."""
         for k, middle in self._middles():
             yield k, *_frame(self.axis, x - middle[0], y - middle[1], z - middle[2])
 

@@ -81,10 +81,7 @@ def _a1(mu_r: Expression) -> Expression:
 
 
 def check_number(name: str, value: object, above: float = 0.0) -> float:
-    """Check a caller's value and return it as a number for which the formulas can be evaluated.
-
-    Raises ArgumentError, with its name, unless it is a number above `above` and at most 1e30.
-    """
+    """Check a caller's value and return it as a number for which the formulas can be evaluated."""
     fits = isinstance(value, Real) and not isinstance(value, bool)
     if not (fits and above < float(value) <= LARGEST):  # pyright: ignore[reportArgumentType]
         raise ArgumentError(

@@ -37,8 +37,5 @@ def gaussian_pressure(mu_r: Expression, field: Expression) -> Expression:
 
 
 def field_of(mu_r: Expression, pressure: Expression) -> Expression:
-    """Field H in A/m of a given `magnetic_pressure` in Pa; `mu_r` above 1.
-
-    Divide by `OERSTED` to convert it to oersted.
-    """
+    """Field H in A/m of a given `magnetic_pressure` in Pa; `mu_r` above 1."""
     return (2 * pressure / (MU0 * (mu_r - 1))) ** 0.5

@@ -152,10 +152,7 @@ class Explicit:
         }
 
     def to_control(self, v_reg: float, p: Values) -> Any:
-        """Make a control.NonlinearIOSystem; see `Model.to_control`.
-
-        `v_reg` is the width of the smooth law.
-        """
+        """Make a control.NonlinearIOSystem; see `Model.to_control`."""
         model, control = self.model, import_control()
         if model.switches:
             events = [s.name for s in model.switches]

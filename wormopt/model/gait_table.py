@@ -47,10 +47,7 @@ def signal_of(remark: str) -> str:
 def read_gait(
     path: Path, units: Literal["dimensionless", "SI"]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Breaks and polynomials of a gait in a table, and warnings.
-
-    Raises ArgumentError if there is no gait, OSError if the file cannot be read.
-    """
+    """Breaks and polynomials of a gait in a table, and warnings."""
     wrong: list[Wrong] = []
     table = read_table(path, wrong)
     if table is None:

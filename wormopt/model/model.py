@@ -594,13 +594,8 @@ class Model:
         ndarray, shape (m,)
             From 0 to ``end``, both included; without those equal up to round-off.
         """
-        found = [0.0, end]
-        for schedule in self.schedules:
-            t = schedule.next_break(0.0)
-            while t < end * (1 - 1e-12):
-                found.append(t)
-                t = schedule.next_break(t)
-        times = np.unique(found)
+        inner = [one.breaks_between(0.0, end * (1 - 1e-12)) for one in self.schedules]
+        times = np.unique(np.concatenate([[0.0, end], *inner]))
         return times[np.diff(times, prepend=-np.inf) > 1e-12 * end]
 
     def __getitem__(self, name: str) -> ca.SX:
@@ -719,10 +714,7 @@ def pack(signals: Sequence[Signal | Delay]) -> ca.SX:
 
 
 def lie(model: Model, expression: ca.SX) -> ca.SX:
-    """Time derivative along a model's ode of a column of its states and time.
-
-    Raises ArgumentError if it contains delayed signals, whose rates the model does not know.
-    """
+    """Time derivative along a model's ode of a column of its states and time."""
     if ca.depends_on(expression, pack(model.delays)):
         raise ArgumentError(f"{model.name}: rates of delayed signals are unknown")
     return ca.jtimes(expression, pack(model.x), model.ode) + ca.jacobian(expression, model.t)

@@ -112,7 +112,8 @@ class Schedule:
             Its number.
         """
         t = np.asarray(t, dtype=float)
-        since = t - self.start + 4 * np.finfo(float).eps * np.maximum(np.abs(t), self.breaks[-1])
+        size = np.maximum(np.abs(t), max(abs(self.start), self.breaks[-1]))
+        since = t - self.start + 4 * np.finfo(float).eps * size
         turn = np.floor(since / self.breaks[-1]) * self.breaks[-1] if self.periodic else 0.0
         piece = np.searchsorted(self.breaks, since - turn, side="right") - 1
         piece = np.clip(piece, 0, self.pieces - 1)
@@ -134,6 +135,31 @@ class Schedule:
         if not self.periodic and piece[0] + 1 == self.pieces:
             return math.inf
         return float(begin[0] - self.breaks[piece[0]] + self.breaks[piece[0] + 1])
+
+    def breaks_between(self, begin: float, end: float) -> np.ndarray:
+        """Ends of pieces after one time and before another, as `next_break` gives them.
+
+        Parameters
+        ----------
+        begin, end : float
+            Times.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            Ascending.
+        """
+        first, period = self.next_break(begin), self.breaks[-1]
+        if not first < end:
+            return np.zeros(0)
+        turns = np.zeros(1)
+        if self.periodic:
+            last = math.floor((end - self.start) / period)
+            turns = np.arange(math.floor((begin - self.start) / period) - 1, last + 2) * period
+        starts = self.start + turns[:, None] + self.breaks[:-1]
+        ends = (starts - self.breaks[:-1] + self.breaks[1:]).ravel()
+        ends = ends if self.periodic else ends[:-1]
+        return ends[(first <= ends) & (ends < end)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +226,7 @@ def piecewise_constant(
 ) -> ParameterPath:
     """Draw parameters that take new, independent values after every interval.
 
-    Uniform on mean ± spread, (n,), 0 <= spread < mean, so positive; the last stays after
-    `horizon`. Raises ArgumentError if a parameter might not be positive, or a time is not.
+    Uniform on mean ± spread, (n,), 0 <= spread < mean, so positive; the last stays after `horizon`.
     """
     mean, spread = _columns(mean, spread)
     if not np.all((spread >= 0) & (spread < mean) & np.isfinite(mean)):

@@ -35,10 +35,7 @@ def _has_text(given: Any) -> bool:
 
 
 def column(name: str, given: object, size: int) -> np.ndarray:
-    """Numbers of a column, one or `size`; a matrix of one column is accepted, a row is not.
-
-    Raises ArgumentError for another number of entries.
-    """
+    """Numbers of a column, one or `size`; a matrix of one column is accepted, a row is not."""
     array = numbers(name, given)
     if array.shape not in ((), (1,), (size,), (1, 1), (size, 1)):
         entries, given = "entry" if size == 1 else "entries", array.size
@@ -80,10 +77,7 @@ def nominal_of(signals: Sequence[Any]) -> np.ndarray:
 
 
 def check_names(given: object, known: Sequence[str], what: str) -> None:
-    """Refuse anything but a mapping from known names; `what` they name, such as "state".
-
-    Raises ArgumentError if it is not a mapping, UnknownNameError if it has other names.
-    """
+    """Refuse anything but a mapping from known names; `what` they name, such as "state"."""
     if not isinstance(given, Mapping):
         example = f"{{{known[0] if known else 'name'!r}: ...}}"
         raise ArgumentError(f"write each {what} by name, {example}, not {type(given).__name__}")
@@ -106,8 +100,7 @@ def signal_values(
 ) -> np.ndarray:
     """Stack the values of signals: the given ones, else those of the model, else `fill`.
 
-    One number applies to all entries. Raises ArgumentError if a name is unknown, or a value
-    is missing, not a number, of wrong size or out of bounds.
+    One number applies to all entries.
     """
     given = {} if given is None else given
     check_names(given, [s.name for s in signals], what)

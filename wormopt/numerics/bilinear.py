@@ -200,10 +200,7 @@ class Linearised:
         return x
 
     def _step(self, x: np.ndarray, radius: np.ndarray | float, factors: float = np.inf) -> Any:
-        """Solve the program linearised at x, held columns near it; None without a solution.
-
-        The factors of an excess stay within a share of their bounds.
-        """
+        """Solve the program linearised at x, held columns near it; None without a solution."""
         entries, values, highs = self._entries(x), self.values(x), _solver()
         shift, columns = self._times(entries, x) - values, self._guarded
         lower, upper = self.lower.copy(), self.upper.copy()
@@ -430,10 +427,7 @@ class BilinearProgram(Linearised):
     def _projected(
         self, x: np.ndarray, sides: np.ndarray, active: np.ndarray, free: np.ndarray
     ) -> np.ndarray | None:
-        """The nearest point at which active rows are at their sides; None if there is none.
-
-        At a vertex this is Newton's method; elsewhere the smallest steps are taken.
-        """
+        """The nearest point at which active rows are at their sides; None if there is none."""
         x = x.copy()
         weights = sparse.diags_array(1.0 / (x[free] ** 2 + _SMALL**2))
         for _ in range(_NEWTON_STEPS):

@@ -38,10 +38,7 @@ class Cluster:
 
 @contextmanager
 def connected(workers: int | None, scheduler: str) -> Iterator[Cluster]:
-    """Use the cluster at an address, or a local one that ends with the context.
-
-    Raises ArgumentError if it is unavailable.
-    """
+    """Use the cluster at an address, or a local one that ends with the context."""
     # Messages of the cluster about its own end are of no use.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     own = None if scheduler else _own(workers or os.cpu_count() or 1)

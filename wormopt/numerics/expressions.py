@@ -64,7 +64,6 @@ def identically_zero(
     """Return for each entry of an expression whether it is identically zero.
 
     `values`: exact values of some entries of `symbols`, by index; the others are arbitrary.
-    Raises ZeroDivisionError if the expression divides by zero for these values.
     """
     random = np.random.default_rng(0)
     at = [int(random.integers(1, _PRIME)) for _ in range(symbols.numel())]

@@ -121,10 +121,7 @@ class Workers:
         self._died = 0
 
     def map(self, work: Callable[[Job], Answer], jobs: Sequence[Job]) -> Iterator[Answer]:
-        """Do the same with every job; yields the answers in the order of the jobs.
-
-        `work` and the jobs are sent to the processes.
-        """
+        """Do the same with every job; yields the answers in the order of the jobs."""
         todo = deque(jobs)
         while todo:
             try:

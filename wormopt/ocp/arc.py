@@ -148,20 +148,14 @@ class Arc:
         )
 
     def unknown_limits(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Scaled lower and upper bounds (n_unknowns,) of the unknowns of contacts.
-
-        `p` (n_p,) are the model's parameters.
-        """
+        """Scaled lower and upper bounds (n_unknowns,) of the unknowns of contacts."""
         closure = self.closure
         box = ca.Function("box", [self.constants[3]], [closure.lower, closure.upper])(p)
         low, high = (np.asarray(side, dtype=float).ravel() for side in box)
         return low / closure.nominal, high / closure.nominal
 
     def rests(self, p: np.ndarray) -> np.ndarray:
-        """Least and largest force of each contact at rest, (n_c, 2), scaled.
-
-        `p` (n_p,) are the model's parameters.
-        """
+        """Least and largest force of each contact at rest, (n_c, 2), scaled."""
         ends = [ca.SX(e) for c in self.problem.model.contacts for e in c.law.stick_interval]
         values = ca.Function("rests", [self.constants[3]], [ca.vertcat(ca.SX(0, 1), *ends)])(p)
         return np.asarray(values, dtype=float).reshape(-1, 2) / self.f_nominal[:, None]

@@ -23,10 +23,7 @@ from wormopt.ocp.transcription import Transcription
 
 
 def with_input_limits(problem: Problem) -> Problem:
-    """Write the limits of inputs as bounds, named like the inputs.
-
-    `elastic` may then relax these limits too.
-    """
+    """Write the limits of inputs as bounds, named like the inputs."""
     free = [replace(s, lower=-np.inf, upper=np.inf) for s in problem.model.u]
     limits = [
         Constraint(s.name, s.symbol, s.lower, s.upper, s.nominal)

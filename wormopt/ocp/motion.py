@@ -453,7 +453,6 @@ def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
     """Variables (n_w,) of a program that follow a guess; `bounds` has integrals' parameters.
 
     Slacks and design constants are at nominal size, impulses zero.
-    Raises ArgumentError if a curve gives a wrong number of rows.
     """
     mesh, arc = program.mesh, program.arc
     n = mesh.total

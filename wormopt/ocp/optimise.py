@@ -59,7 +59,6 @@ def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Me
     """Split the arcs that err by more than the tolerance into at most `most` parts each.
 
     `defect` (N,) is from `defects`; the same mesh is returned if no arc errs.
-    Raises ArgumentError if durations of arcs are free.
     """
     if mesh.shares is None:
         raise ArgumentError("arcs of free duration cannot be split; use Mesh.even")
@@ -375,10 +374,7 @@ def _ended_well(solution: Solution) -> bool:
 def _solve(
     program: Transcription, w: np.ndarray, bounds: Bounds, solver: Solver, *, warm: bool
 ) -> Solution:
-    """Solve one level; if a large barrier fails, with guarded durations.
-
-    From a nearly feasible point restart with a smaller barrier and without history.
-    """
+    """Solve one level; if a large barrier fails, with guarded durations."""
     lost = None
     if warm and isinstance(solver, Ipopt):
         near = replace(solver, mu_init=min(solver.mu_init, _WARM_BARRIER))

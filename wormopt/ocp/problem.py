@@ -347,10 +347,7 @@ def _within(column: ca.SX, columns: Sequence[ca.SX]) -> bool:
 
 
 def _refuse_contradictions(problem: Problem) -> None:
-    """Raise ArgumentError if linear constraints of the ends contradict each other.
-
-    Returning states are included. The message names a minimal set of constraints.
-    """
+    """Raise ArgumentError if linear constraints of the ends contradict each other."""
     if not problem.boundary_constraints:
         return
     own = [*vars(problem.ends).values(), *(s.symbol for s in problem.design)]
@@ -425,7 +422,6 @@ def ramped(plant: Model, slope: float) -> Model:
     """Make the only scalar input of a plant its last state, and its rate (``_rate``) the input.
 
     The input's bounds become the state's; `slope`: largest size of the rate.
-    Raises ArgumentError if the plant has another number of inputs.
     """
     if sum(signal.size for signal in plant.u) != 1:
         raise ArgumentError(f"{plant.name} must have exactly one scalar input")

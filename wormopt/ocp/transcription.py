@@ -55,10 +55,7 @@ class ProgramBounds:
         pins: Mapping[int, float] | None,
         active: Sequence[Sequence[int]] | None,
     ) -> Bounds:
-        """Bounds and parameters, see `Transcription.bounds`.
-
-        Raises ArgumentError if modes or schedules do not fit the mesh.
-        """
+        """Bounds and parameters, see `Transcription.bounds`."""
         n, at = self.mesh.total, self.arc.layout
         fixed = signal_values(self.problem.parameters, p, "parameter")
         lower, upper = self._variable_bounds(fixed)

@@ -14,7 +14,6 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
-from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -141,7 +140,10 @@ def save(drawn: Figure, target: Path | IO[bytes], form: str) -> None:
     """Write a figure as "png", "pdf" or "svg" to a file, the same bytes each time."""
     with styled():
         _lay_out(drawn, _DPI)
-        drawn.savefig(target, format=form, dpi=_DPI, metadata=_METADATA[form])
+        if form == "png":  # `savefig` would draw twice
+            FigureCanvasAgg(drawn).print_png(target, metadata=_METADATA[form])
+        else:
+            drawn.savefig(target, format=form, dpi=_DPI, metadata=_METADATA[form])
 
 
 def shortened(svg: str) -> str:
@@ -186,7 +188,9 @@ def moving_svg(moves: Animation, drawn: Figure) -> str:
 def _lay_out(drawn: Figure, dpi: float) -> None:
     """Lay a figure out with rounded positions: the last digits of the solver vary."""
     drawn.set_dpi(dpi)
-    drawn.draw_without_rendering()
+    engine = drawn.get_layout_engine()
+    if engine:
+        engine.execute(drawn)
     drawn.set_layout_engine("none")
     for axes in drawn.axes:
         place = axes.get_position(original=True).bounds
@@ -308,6 +312,8 @@ def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
 
 
 def _film(moves: Animation, drawn: Figure, path: Path) -> None:
+    from matplotlib.animation import FFMpegWriter, PillowWriter  # slow to import
+
     film = FFMpegWriter if path.suffix == ".mp4" else PillowWriter
     writer = film(fps=_FRAMES_PER_SECOND)
     with styled(), writer.saving(drawn, path, dpi=_FILM_DPI):

@@ -121,10 +121,7 @@ class Page:
         return [self._made(axes) for axes in drawn[:, 0]]
 
     def grid(self, down: int, across: int, within: Any = None, **more: Any) -> list[list[Panel]]:
-        """Panels in rows and columns of the sheet or of a place in a grid.
-
-        More are options of Matplotlib's ``subplots``.
-        """
+        """Panels in rows and columns of the sheet or of a place in a grid."""
         if within is None:
             drawn = self.drawn.subplots(down, across, squeeze=False, **more)
         else:
@@ -144,10 +141,7 @@ class Page:
         taller: Sequence[float],
         widths: Sequence[float] | None = None,
     ) -> dict[str, Panel]:
-        """Panels by letter, as they lie on a page and in a column, with the heights of rows.
-
-        `widths` are those of the columns on a page.
-        """
+        """Panels by letter, as they lie on a page and in a column, with the heights of rows."""
         if narrow():
             drawn = self.drawn.subplot_mosaic(slim, height_ratios=taller)
         else:

@@ -134,10 +134,7 @@ def _meanings(kind: str) -> dict[str, str]:
 
 
 def comparison_html(results: Sequence[Result]) -> str:
-    """Differences between the scenes of several results, and the scalars that they share.
-
-    The best value is marked if it is defined.
-    """
+    """Differences between the scenes of several results, and the scalars that they share."""
     first = [name for result in results for name in leading(result)]
     others = [
         name

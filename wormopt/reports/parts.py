@@ -21,10 +21,7 @@ def scrolled(label: str, inner: str, kind: str = "wide") -> str:
 
 
 def table(kind: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose first column names the rows; empty columns are left out.
-
-    Empty cells have a dash.
-    """
+    """A table whose first column names the rows; empty columns are left out."""
     lines = list(rows)
     kept = [0, *(k for k in range(1, len(heads)) if any(line[k] for line in lines))]
     heads, lines = [heads[k] for k in kept], [[line[k] or "–" for k in kept] for line in lines]

@@ -83,10 +83,7 @@ def _contents(sources: Sequence[Source]) -> str:
 
 
 def _section(source: Source, number: int, results: Sequence[Result], room: float) -> str:
-    """One of several results, with its own heading, or the only one.
-
-    `room`: largest number of letters.
-    """
+    """One of several results, with its own heading, or the only one."""
     room -= min(_WORDS, room / 2)
     result, ident = source.result, f"r{number}"
     own, labelled, level = "", "title", 2

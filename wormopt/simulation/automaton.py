@@ -107,10 +107,7 @@ def _cubics(step: Step) -> np.ndarray:
 
 
 def _least_between(v: np.ndarray) -> np.ndarray:
-    """Least velocities (n,) within a step, by parabolas through neighbouring samples (m, n).
-
-    A dip may be far shorter than the time between two samples.
-    """
+    """Least velocities (n,) within a step, by parabolas through neighbouring samples (m, n)."""
     slope, bend = (v[2:] - v[:-2]) / 2, v[:-2] + v[2:] - 2 * v[1:-1]
     turns = np.abs(slope) < bend
     dip = np.where(turns, slope**2 / (2 * np.where(turns, bend, 1.0)), 0.0)
@@ -353,8 +350,7 @@ class _Motion:
         """Fire all switches that must fire together with the crossed switch `k`.
 
         If several guards are 0 or jump at once, the first choice of these switches is taken after
-        which the motion leaves all their guards. Raises GivenUp if no choice does so and the
-        motion leads back to the guard of switch `k`.
+        which the motion leaves all their guards.
         """
         watch, t = self._watch, self._t
         choices = list(_choices(watch.at_guard(t, self._x, near)[:_TOGETHER]))

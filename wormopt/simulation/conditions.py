@@ -251,10 +251,7 @@ class _Graph:
         self._operations, self._places = (part.tolist() for part in instructions_of(self._function))
 
     def may_hold(self, *, states: bool) -> bool:
-        """Whether there may be anything to hold, without conditions of states unless asked for.
-
-        It takes a small part of the time of `_walk`, since no expression is made.
-        """
+        """Whether there may be anything to hold, without conditions of states unless asked for."""
         work = [0] * self._function.sz_w()
         for operation, (target, *source) in zip(self._operations, self._places, strict=True):
             if operation == ca.OP_OUTPUT:

@@ -238,8 +238,7 @@ class Contacts:
         """Decide which contacts rest, from velocities and then from forces.
 
         `forced`: contact of an event; a moving one rests from now on, a resting one is released.
-        Returns the state after impulses, changes, and contacts at velocity 0. Raises GivenUp if
-        no modes fit.
+        Returns the state after impulses, changes, and contacts at velocity 0.
         """
         before, probe = self._modes.copy(), self._look(t, x)
         if forced is not None and (self._has_begun(forced, probe) or self._is_held(forced, probe)):

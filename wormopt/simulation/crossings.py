@@ -248,10 +248,7 @@ class Watch:
     # -- location --------------------------------------------------------------------------
 
     def find(self, step: Step) -> Crossing | None:
-        """First event of an attempted step; without any, raises levels of functions well above 0.
-
-        Raises GivenUp if an event function is not a number.
-        """
+        """First event of an attempted step; else raises levels of functions well above 0."""
         (scan,) = self._scan(step.t, step.h, self._rows(step))
         values = scan.reshape(len(_SAMPLES), self.n)
         if self._sharing and self._sharing.active:

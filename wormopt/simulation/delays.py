@@ -38,9 +38,7 @@ def integrate_delayed(
 ) -> tuple[InitialValueProblem, Outcome]:
     """Integrate a task whose model has delays.
 
-    Returns it with the schedules of all past signals, by which these can be observed. Raises
-    ArgumentError if the route keeps no polynomials of its steps, a lag is not positive, or
-    derivatives are requested.
+    Returns it with the schedules of all past signals, by which these can be observed.
     """
     if route == "cvodes" or task.system.model.alg.numel():
         raise ArgumentError("implicit integrators do not support delays; write route = 'auto'")
@@ -294,10 +292,7 @@ class _Stretches:
         # an event at the end of the stretch before belongs to this one
         points += [(float(t), 0) for part in self.found[-2:] for t in part.events[:, 0]]
         for schedule in self.task.schedules:
-            t = schedule.next_break(begin - least)
-            while t < end:
-                points.append((t, 0))
-                t = schedule.next_break(t)
+            points += [(t, 0) for t in schedule.breaks_between(begin - least, end).tolist()]
         for t, generation in sorted(points):
             near = next((s for s in jumps if abs(s - t) <= least), None)
             if near is not None:

@@ -64,30 +64,10 @@ def ending(
     most_steps: int = 4_000_000,
     report: Report = silent,
 ) -> Ending:
-    """Integrate a motion again from its start to its end.
+    """Integrate a motion again from `x0` (n_x,) to its end.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        Its model, parameters, schedules and first and last time are taken.
-    x0 : ndarray, shape (n_x,)
-        Where it starts.
-    accepted : float
-        Doubt, as a share of the size of each state, below which steps are not halved again.
-    most_steps : int, optional
-        Largest number of steps of the finest run.
-    report : callable, optional
-        Receives the progress.
-
-    Returns
-    -------
-    Ending
-
-    Raises
-    ------
-    ArgumentError
-        If the model has walls, delays, algebraic variables, laws that this does not know, driven
-        contacts, or switches that end the motion.
+    Steps are halved until the doubt, a share of the size of each state, is `accepted`, or the
+    finest run would have more than `most_steps`.
     """
     if motion.system.exact and motion.system.prescribed:
         raise ArgumentError(
@@ -143,13 +123,8 @@ def _march(
     model, (start, end) = task.system.model, task.span
     stride = _stride(model)
     fixed = task.p[: sum(s.size for s in (*model.p, *model.u))]
-    breaks = [start]
-    for schedule in task.schedules:
-        t = schedule.next_break(start)
-        while t < end:
-            breaks.append(t)
-            t = schedule.next_break(t)
-    ends = np.unique([*breaks, end])
+    breaks = [schedule.breaks_between(start, end) for schedule in task.schedules]
+    ends = np.unique(np.concatenate([[start, end], *breaks]))
     ends = ends[np.diff(ends, prepend=-np.inf) > 1e-13 * max(abs(end), end - start)]
 
     def march(x0: np.ndarray, fineness: int) -> tuple[np.ndarray, int]:

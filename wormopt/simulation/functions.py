@@ -59,7 +59,6 @@ class LawNumbers:
         """Let each law check its values together, such as stiction against sliding friction.
 
         `fixed` are values of the symbols. Laws with equal values are checked once.
-        Raises ArgumentError if a law refuses.
         """
         if not self._alike:
             return
@@ -325,7 +324,6 @@ class System:
         """Contacts on lines whose velocity no contact force changes, such as on a driven belt.
 
         In the plane the equations for undetermined forces include such contacts.
-        Raises ArgumentError where one of them may not slide.
         """
         rows, columns = self.delassus.sparsity().get_triplet()
         acted_on = {i for i, j in zip(rows, columns, strict=True) if i != j}
@@ -616,10 +614,7 @@ class System:
         return LawNumbers(self.model, self.symbols[2][: self.n_fixed - 1])
 
     def parameters(self, given: Mapping[str, object] | None) -> np.ndarray:
-        """Values of p: those given by name, else the model's own; 0 for scheduled entries.
-
-        Raises ArgumentError as `signal_values`, or if a friction law rejects its values.
-        """
+        """Values of p: those given by name, else the model's own; 0 for scheduled entries."""
         signals = (*self.model.p, *(self._input(u) for u in self.model.u))
         fixed = signal_values(signals, given, "parameter or input")
         self._laws.check(fixed)

@@ -318,17 +318,9 @@ class _Number:
         """Breaks of schedules from the start to `end`."""
         dense = self.motion.dense
         assert dense is not None
-        found, start = [np.zeros(0)], float(dense.time[0])
-        for schedule in self.motion.schedules:
-            period = schedule.breaks[-1]
-            turns = np.zeros(1)
-            if schedule.periodic:
-                first, last = (np.floor((t - schedule.start) / period) for t in (start, end))
-                turns = np.arange(first, last + 1)
-            inner = schedule.breaks[:-1] if schedule.periodic else schedule.breaks[1:-1]
-            found.append((schedule.start + turns[:, None] * period + inner).ravel())
-        times = np.unique(np.concatenate(found))
-        return times[(times > start) & (times < end)]
+        start = float(dense.time[0])
+        found = [schedule.breaks_between(start, end) for schedule in self.motion.schedules]
+        return np.unique(np.concatenate([[], *found]))
 
     def gradient(self, costate: np.ndarray, doubts: tuple[NonsmoothEvent, ...]) -> Gradient:
         """The results by name."""

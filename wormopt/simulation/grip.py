@@ -262,10 +262,7 @@ class PlaneGrip:
         return speed, faster, -size, ca.SX(-1.0), ca.SX.inf()
 
     def _lacks(self, force: ca.SX, own: ca.SX) -> ca.SX:
-        """Error of onset so far: the angle error shifts it sideways, and its square slows it.
-
-        In units of the nominal speed, and of the distance in which friction would stop that.
-        """
+        """Error of onset so far: the angle error shifts it sideways, and its square slows it."""
         friction = ca.norm_2(self.slip)
         nominal = self.contact.nominal_speed
         spent = (self.t - self.onset[3]) * friction * ca.trace(own) / 2 / nominal

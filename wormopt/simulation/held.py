@@ -6,7 +6,7 @@ Samples alone would miss what a step misses.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -124,36 +124,17 @@ def scheduled(
 ) -> tuple[Schedule, bool]:
     """The schedule `held` with the instants of a motion and the values of conditions in between.
 
-    Gives it, and whether all that is narrow has been found.
-
-    Parameters
-    ----------
-    timed : Timed
-        Functions of time.
-    held : Schedule
-        Its symbols take the place of the conditions.
-    span : (float, float)
-        First and last time.
-    fixed : ndarray
-        Values of parameters and inputs.
-    schedules : tuple of Schedule
-        The model's own.
-    longest : float
-        Longest step.
-
-    Raises
-    ------
-    SolveError
-        If conditions change too often to be followed.
+    Also returns whether all that is narrow has been found. `fixed`: values of parameters and
+    inputs; `schedules`: the model's own; `longest`: longest step.
     """
     used = _used(timed)
     # members of an ensemble that differ elsewhere have the same instants
     given = np.where(used.fixed, fixed, 0.0)
-    key = tuple(given.tolist()), schedules if used.pieces else ()
-    inner, complete = _instants(timed, span, longest, *key)
+    pieces = schedules if used.pieces else ()
+    inner, complete = _instants(timed, span, longest, tuple(given.tolist()), _Pieces.of(pieces))
     ends = np.concatenate([span[:1], inner, span[1:]])
     middle = (ends[:-1] + ends[1:]) / 2
-    values = _functions(timed).at(middle, _given(timed, given, key[1], middle)).T
+    values = _functions(timed).at(middle, _given(timed, given, pieces, middle)).T
     return replace(held, start=span[0], breaks=ends - span[0], values=values), complete
 
 
@@ -174,17 +155,31 @@ def _used(timed: Timed) -> _Used:
     return _Used(used[1 : 1 + timed.n_fixed], bool(np.any(used[1 + timed.n_fixed :])), by_pieces)
 
 
+@dataclass(frozen=True)
+class _Pieces:
+    """Schedules that are compared by their numbers."""
+
+    schedules: tuple[Schedule, ...] = field(compare=False)
+    numbers: tuple[object, ...]
+
+    @classmethod
+    def of(cls, schedules: tuple[Schedule, ...]) -> _Pieces:
+        """Those of a task, which has its own copies."""
+        numbers = [(s.breaks.tobytes(), s.values.tobytes(), s.periodic, s.start) for s in schedules]
+        return cls(schedules, tuple(numbers))
+
+
 @lru_cache(maxsize=256)
 def _instants(
     timed: Timed,
     span: tuple[float, float],
     longest: float,
     fixed: tuple[float, ...],
-    schedules: tuple[Schedule, ...],
+    pieces: _Pieces,
 ) -> tuple[np.ndarray, bool]:
     """Instants within a span at which steps must end, ascending, and whether these are all."""
-    functions = _functions(timed)
-    breaks = _breaks(schedules, span)
+    functions, schedules = _functions(timed), pieces.schedules
+    breaks = np.concatenate([[], *(each.breaks_between(*span) for each in schedules)])
     ends = np.unique(np.concatenate([np.linspace(*span, _CELLS + 1), breaks]))
     middle = (ends[:-1] + ends[1:]) / 2
     given = _given(timed, np.array(fixed), schedules, middle)
@@ -211,16 +206,6 @@ def _given(
         rows += [begin[None], schedule.values[piece].T]
     rows.append(np.zeros((timed.inputs.numel() - 1 - sum(map(len, rows)), len(t))))
     return np.vstack(rows)
-
-
-def _breaks(schedules: tuple[Schedule, ...], span: tuple[float, float]) -> np.ndarray:
-    found = list[float]()
-    for schedule in schedules:
-        t = schedule.next_break(span[0])
-        while t < span[1]:
-            found.append(t)
-            t = schedule.next_break(t)
-    return np.array(found)
 
 
 def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) -> np.ndarray:
@@ -391,13 +376,6 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
     """Hold the conditions of a task; None if there are none, nor narrow functions.
 
     `switches`: whether its integrator knows switches.
-
-    Raises
-    ------
-    ArgumentError
-        If derivatives are asked for by what moves an instant, and there are no switches.
-    SolveError
-        If conditions change too often to be followed.
     """
     model = task.system.model
     if not _may_have(task.system):

@@ -129,10 +129,7 @@ class Impulses:
         return ca.Function("kick", symbols, kicked.call([*symbols, impulses]))
 
     def _given(self, free: ca.SX) -> ca.SX:
-        """Normal and tangential impulses, from the rates that contacts would have without them.
-
-        Each contact by itself.
-        """
+        """Normal and tangential impulses, from the rates that contacts would have without them."""
         contacts, h = self.model.contacts, self.symbols[4]
         stops, n_c = -free / ca.diag(self._response), len(contacts)
         normal = ca.if_else(self._gaps <= 0, ca.fmax(0, stops[:n_c]), 0)
@@ -187,10 +184,7 @@ class Impulses:
         return ca.Function("linear", [x, p], [ca.densify(J)])
 
     def check(self, x0: np.ndarray, numbers: np.ndarray) -> None:
-        """Refuse walls that act on one another and may be closed at the same time.
-
-        Checked in the state `x0`; raises ArgumentError if there are two.
-        """
+        """Refuse walls that act on one another and may be closed at the same time."""
         contacts, x = self.model.contacts, pack(self.model.x)
         n_c, gaps = len(contacts), self._gaps
         asked = [self._response, gaps, ca.jacobian(gaps, x)]
@@ -539,8 +533,6 @@ def _looks(schedule: Schedule | None, end: float, longest: float) -> np.ndarray:
         clock = Model("clock", x=(), ode=ca.SX(0, 1), schedules=[schedule])
         breaks = clock.breaks(end)
     counts = np.maximum(np.ceil(np.diff(breaks) / (_STRIDE * longest) - 1e-9), 1).astype(int)
-    parts = [
-        np.linspace(a, b, k, endpoint=False)
-        for a, b, k in zip(breaks[:-1], breaks[1:], counts, strict=True)
-    ]
-    return np.append(np.concatenate(parts), end)
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    sizes = np.repeat(np.diff(breaks) / counts, counts)
+    return np.append(np.repeat(breaks[:-1], counts) + within * sizes, end)

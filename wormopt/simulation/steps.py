@@ -180,10 +180,7 @@ class Explicit:
             raise GivenUp(status)
 
     def attempt(self, stop: float) -> Step | None:
-        """Try a step not beyond `stop`; None if too inexact, and the next will be shorter.
-
-        Raises GivenUp if it would have to be too short.
-        """
+        """Try a step not beyond `stop`; None if too inexact, and the next will be shorter."""
         if self.h <= 0.0:
             self.h = self._first(stop)
         self.h = min(self.h, self._task.max_step)
@@ -211,10 +208,7 @@ class Explicit:
         return self._closed(h, stop if last else self._t + h, x_new, stages)
 
     def _columns_error(self, x_new: np.ndarray, stages: np.ndarray, h: float) -> float:
-        """Error of the step in S, that of the worst column.
-
-        The size of a column is its own, in units of nominal sizes of states, or its floor.
-        """
+        """Error of the step in S, that of the worst column."""
         task, n_x, k = self._task, len(self._task.x0), self._task.k
         x, end = (part[n_x:].reshape(-1, k) for part in (self._x, x_new))
         nominal = task.absolute[: len(x), None]
@@ -249,10 +243,7 @@ class Explicit:
             raise GivenUp(status or "step_too_small")
 
     def shorten(self, step: Step, factor: float) -> None:
-        """Reject the step just attempted; the next is `factor` times as long.
-
-        Raises GivenUp if that is too short.
-        """
+        """Reject the step just attempted; the next is `factor` times as long."""
         self._reject(step.h, factor)
 
     def redo(self, step: Step, length: float) -> Step:
@@ -261,10 +252,7 @@ class Explicit:
         return self._closed(length, min(step.t + length, step.end), x_new, stages)
 
     def accept(self, step: Step) -> None:
-        """Continue from the end of the step just attempted.
-
-        Raises GivenUp if the motion is too stiff.
-        """
+        """Continue from the end of the step just attempted."""
         self.h = self._next
         self._t, self._x, self._dx = step.end, step.x_new, step.dx_new
         left = (self._task.span[1] - step.end) / step.h
@@ -293,10 +281,7 @@ class Explicit:
 
 
 def _norm(sums: np.ndarray, h: float, n: int) -> float:
-    """Error of a step against the tolerances; at most 1 is good, NaN where numbers are bad.
-
-    `sums` of squares of its differences to the embedded formulas.
-    """
+    """Error of a step against the tolerances; at most 1 is good, NaN where numbers are bad."""
     six, five, three = sums.tolist()
     five = max(five, six)
     scale = five + 0.01 * three
@@ -438,10 +423,7 @@ class Stiff:
             raise GivenUp(status)
 
     def attempt(self, stop: float) -> Step | None:
-        """Try a step not beyond `stop`; never None, since scipy tries until it succeeds.
-
-        Raises GivenUp if it would have to be too short.
-        """
+        """Try a step not beyond `stop`; never None, since scipy tries until it succeeds."""
         if self._solver is None or self._solver.t_bound != stop:
             self._solver = self._solver_from(self._t, self._x, stop, self.h)
         return self._advance(self._solver, stop)
@@ -456,10 +438,7 @@ class Stiff:
         return self._advance(self._solver_from(step.t, step.x, stop, length), stop)
 
     def shorten(self, step: Step, factor: float) -> None:
-        """Reject the step just attempted; the next is `factor` times as long.
-
-        Raises GivenUp if that is too short.
-        """
+        """Reject the step just attempted; the next is `factor` times as long."""
         self.n_rejected += 1
         self.h, self._solver = step.h * factor, None
         if self.h < floor_of_step(self._task, step.t):

@@ -126,13 +126,9 @@ class _Grid:
 
 def _pieces(schedule: Schedule, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Times from ``start`` on at which pieces begin, and their values, with `begin` first."""
-    times, values, t = [], [], start
-    while t < end:
-        begin, piece = schedule.locate(np.array([t]))
-        times.append(t)
-        values.append(np.append(begin, schedule.values[piece[0]]))
-        t = schedule.next_break(t)
-    return np.array(times), np.array(values)
+    times = np.append(start, schedule.breaks_between(start, end))
+    begin, piece = schedule.locate(times)
+    return times, np.column_stack([begin, schedule.values[piece]])
 
 
 @dataclass(eq=False)

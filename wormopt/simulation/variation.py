@@ -91,11 +91,7 @@ class Directions:
 def directions(
     system: System, schedules: Sequence[Schedule], asked: Sensitivities | None
 ) -> Directions | None:
-    """Requested directions; None if there are none.
-
-    Raises ArgumentError if a direction is not of its signal's size, not a number, or has the
-    label of another; UnknownNameError if the model has no such signal.
-    """
+    """Requested directions; None if there are none."""
     if isinstance(asked, str) or not isinstance(asked, Collection | None):
         asked = [asked]
     if asked is None or len(asked) == 0:
@@ -432,10 +428,7 @@ def has_derivatives(system: System) -> bool:
 
 @lru_cache(maxsize=64)
 def variation(system: System, active: tuple[int, ...]) -> Variation:
-    """Variational equations of a system along directions that move some entries of p.
-
-    Raises ArgumentError if its motions have no exact ones.
-    """
+    """Variational equations of a system along directions that move some entries of p."""
     if system.exact and (len(system.planar) or system.shares):
         raise ArgumentError(
             f"contacts of {system.model.name} slide in the plane or share loads, where exact "

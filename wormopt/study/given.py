@@ -415,10 +415,7 @@ def _wrong_lists(made: Any, counts: Mapping[str, int], path: str) -> Iterator[Fa
 
 
 def _extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
-    """Yield a fault for each number so extreme that products of a few of them overflow.
-
-    `value` is that of a key, or in it; tables in it are checked already.
-    """
+    """Yield a fault for each number so extreme that products of a few of them overflow."""
     if isinstance(value, tuple):
         for index, item in enumerate(value):
             yield from _extreme_numbers(item, f"{key}[{index}]")

@@ -56,10 +56,7 @@ def _taken(
     refused: Container[str],
     default: Given | None = None,
 ) -> dict[str, Any]:
-    """Schema of the keys of a table that a kind takes, with the values of `default`.
-
-    Tables with the defaults of their class remain references to `parts`.
-    """
+    """Schema of the keys of a table that a kind takes, with the values of `default`."""
     found, fields = parts[table.__name__], table.__struct_encode_fields__
     properties = {name: node for name, node in found["properties"].items() if name not in fields}
     for key, field, below in taken(table, path, refused):

@@ -78,10 +78,7 @@ def load_scene(
 
 
 def scene_within(folder: Path, name: str, tables: Mapping[str, Any]) -> Scene[Any]:
-    """Scene given as tables in another one; file names are relative to the folder of the latter.
-
-    Raises SceneError as `load_scene`.
-    """
+    """Scene given as tables in another one; file names are relative to the folder of the latter."""
     return _checked(name, name, folder, as_toml(tables))
 
 

@@ -202,10 +202,7 @@ class Study(Given):
         self._progress.report(text, fraction)
 
     def computed(self, member: Member[Any]) -> Any:
-        """Compute and cache a member. A failed one fails again in the same way.
-
-        Raises AbsentError if the study has no such member, NotComputedError in partial results.
-        """
+        """Compute and cache a member. A failed one fails again in the same way."""
         if member.when and not self._value_of(member.when):
             raise AbsentError(f"there is no {member.name} without {member.when}")
         failures = self._failures

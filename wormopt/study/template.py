@@ -73,10 +73,7 @@ def _table(
     default: Given | None,
     refused: Container[str],
 ) -> Iterator[str]:
-    """Keys of a table, then the tables in it; raw is None for a table that is commented out.
-
-    `default` has the values of the keys that are left out.
-    """
+    """Keys of a table, then the tables in it; raw is None for a table that is commented out."""
     mark, below = ("#" if raw is None else ""), []
     config = table.__struct_config__
     if config.tag_field:

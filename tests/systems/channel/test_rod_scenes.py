@@ -27,7 +27,12 @@ from wormopt.progress import silent
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.systems.channel import rod_frequency
 from wormopt.systems.channel.rod import Rod
-from wormopt.systems.channel.rod_course import RodPoint, checks_of_motion, mean_velocity
+from wormopt.systems.channel.rod_course import (
+    RodPoint,
+    checks_of_motion,
+    lengths_between,
+    mean_velocity,
+)
 from wormopt.systems.channel.rod_frequency import rod_points
 from wormopt.systems.channel.rod_model import (
     block_load,
@@ -595,3 +600,11 @@ def test_the_strip_of_a_wide_channel_does_not_reach_the_coils() -> None:
     wide, clearance = 0.2, 1e-3
     field = channel_field(COIL, 10e-3, wide, clearance, 4e-3, 3, 7, 1e-3)
     assert (wide - 4e-3) / 2 < field.half < wide / 2 + clearance
+
+
+def test_lengths_between_two_places_are_those_of_polylines():
+    """A line of slope 3/4, and one that turns back before the first place."""
+    x = np.array([[0.0, 0.5, 2.0, 4.0], [0.0, 1.5, 0.5, 4.0]]).T
+    y = np.array([0.75 * x[:, 0], np.zeros(4)]).T
+    found = lengths_between(x, y, np.array([1.0, 1.0]), np.array([3.0, 3.0]))
+    assert found == pytest.approx([2.5, 0.5 + 1.0 + 2.5])

@@ -1,10 +1,10 @@
 """Coils on or off, in a tube where short segments are anchored: found twice, followed alone."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from outcomes import refusals
 from scipy.integrate import solve_ivp
 from scipy.optimize import differential_evolution, root_scalar
@@ -14,18 +14,22 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.study import load_scene
 from wormopt.systems.peristaltic.anchored import anchored_wave
 from wormopt.systems.peristaltic.anchored_fastest import mode_bound
-from wormopt.systems.peristaltic.switching import (
-    Drag,
-    Switched,
+from wormopt.systems.peristaltic.switched import (
+    DragGround,
+    Limits,
+    Objective,
     SwitchedWorm,
-    SwitchLimits,
-    Tube,
-    walk,
+    TubeGround,
 )
+from wormopt.systems.peristaltic.switching import Switched, walk
 from wormopt.systems.peristaltic.switching_orders import search
 
-LIMITS = SwitchLimits((0.1, 20.0), dwell=0.2)
-THREE = SwitchedWorm(3, 0.6, 1.4, 1.0, 1.0, Tube(0.8))
+SPEED, THRIFT = Objective(maximise="speed"), Objective(minimise="energy_per_distance")
+LIMITS = Limits((0.1, 20.0), 1.0, 0.2)
+THREE = SwitchedWorm(
+    segments=3, length_on=0.6, length_off=1.4, time_on=1.0, time_off=1.0,
+    ground=TubeGround(0.8),
+)  # fmt: skip
 FOUR = replace(THREE, segments=4)
 
 
@@ -39,7 +43,7 @@ def by_ode(worm: SwitchedWorm, found: Switched) -> np.ndarray:
         while t < duration:
 
             def rates(_: float, y: np.ndarray, on: np.ndarray = on, rest: np.ndarray = rest):
-                l_dot = np.where(on, worm.on - y[:n], worm.off - y[:n]) * ~rest
+                l_dot = np.where(on, worm.length_on - y[:n], worm.length_off - y[:n]) * ~rest
                 k = int(np.argmax(rest))  # ring 0 is ahead of it by all before
                 return np.append(l_dot, l_dot[:k].sum())
 
@@ -56,7 +60,7 @@ def by_ode(worm: SwitchedWorm, found: Switched) -> np.ndarray:
 
 @pytest.mark.slow
 def test_the_fastest_of_three_is_found_again_by_evolution():
-    found = search(THREE, "speed", LIMITS).best
+    found = search(THREE, SPEED, LIMITS).best
 
     def accordion(w: np.ndarray) -> float:
         """Ends at rest in turn; segment 1 goes on and off at any time, here by its own period."""
@@ -85,7 +89,7 @@ def test_the_fastest_of_three_is_found_again_by_evolution():
 
 
 def test_a_worm_that_is_followed_by_its_coils_alone_goes_as_far():
-    found = search(THREE, "speed", LIMITS, starts=3).best
+    found = search(THREE, SPEED, LIMITS, starts=3).best
     walked = walk(THREE, found.coils, found.durations, found.start)
     assert walked.displacement == pytest.approx(found.displacement, abs=1e-9)
     assert max(walked.slip, walked.loose) < 1e-8
@@ -100,7 +104,7 @@ def test_a_worm_that_is_followed_by_its_coils_alone_goes_as_far():
 @pytest.mark.slow
 def test_two_coils_at_a_time_make_the_wave():
     limits = replace(LIMITS, together=2)
-    found = search(FOUR, "speed", limits, starts=2).best
+    found = search(FOUR, SPEED, limits, starts=2).best
     # even steps h: on for two, off for two; short again as the next one goes off
     h = root_scalar(
         lambda h: math.log((0.8 - 0.6 * math.exp(-2 * h)) / 0.2) - h, bracket=(0.5, 5), xtol=1e-14
@@ -114,7 +118,7 @@ def test_two_coils_at_a_time_make_the_wave():
 @pytest.mark.slow
 @pytest.mark.parametrize(("worm", "together"), [(THREE, None), (THREE, 2), (FOUR, 2)])
 def test_it_is_never_slower_than_the_wave_of_constant_rates(worm: SwitchedWorm, together: int):
-    found = search(worm, "speed", replace(LIMITS, together=together), starts=3).best
+    found = search(worm, SPEED, replace(LIMITS, together=together), starts=3).best
     for stroke in (0.05, 0.2, 0.4, 0.5):
         rate = min(1.4 - 0.8 - stroke, 0.8 - 0.6)  # what relaxation has at its slowest
         wave = anchored_wave(worm.segments, 2, stroke, stroke / rate)
@@ -125,34 +129,31 @@ def test_it_is_never_slower_than_the_wave_of_constant_rates(worm: SwitchedWorm, 
 def test_short_periods_come_near_the_ceiling_to_second_order():
     # rates are (1.4 - l) and (l - 0.6): the same, and together fastest, at l = 1
     ceiling = mode_bound(3, 1, (0.4, 0.4)).speed
-    gaps = [
-        ceiling - search(THREE, "speed", SwitchLimits((t, t)), starts=3).best.worth
-        for t in (0.2, 0.1)
-    ]
+    gaps = [ceiling - search(THREE, SPEED, Limits((t, t)), starts=3).best.worth for t in (0.2, 0.1)]
     assert 0 < gaps[1] < 1e-4
     assert 1.97 < math.log2(gaps[0] / gaps[1]) < 2.03
 
 
 def test_who_may_rest():
     states = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 1]])
-    assert Tube(0.8).holds(states).tolist() == [False, True, True, False, True]
-    assert Drag(1.0).holds(states).all()
-    with pytest.raises(ArgumentError, match="between on and off"):
-        replace(THREE, ground=Tube(0.5))
+    assert TubeGround(0.8).holds(states).tolist() == [False, True, True, False, True]
+    assert DragGround(1.0).holds(states).all()
+    with pytest.raises(ArgumentError, match=r"above 0\.6 and below 1\.4"):
+        THREE.vary({"ground.contact": 0.5})
     with pytest.raises(ArgumentError, match="only a worm in a tube"):
-        walk(replace(THREE, ground=Drag(1.0)), np.ones((1, 3)), np.ones(1), np.ones(3))
+        walk(replace(THREE, ground=DragGround(1.0)), np.ones((1, 3)), np.ones(1), np.ones(3))
 
 
 @pytest.mark.slow
 def test_limits():
-    free, duty = (search(THREE, "speed", replace(LIMITS, duty=d)).best for d in (1.0, 0.6))
+    free, duty = (search(THREE, SPEED, replace(LIMITS, duty=d)).best for d in (1.0, 0.6))
     assert (duty.durations @ duty.coils).max() <= 0.6 * duty.period + 1e-8
     assert 0.4 * free.worth < duty.worth < 0.6 * free.worth
-    cheap = search(THREE, "thrift", LIMITS).best
+    cheap = search(THREE, THRIFT, LIMITS).best
     assert cheap.worth > free.displacement / (free.durations @ free.coils).sum() * 1.0001
     # one coil cannot hand over to another
     with pytest.raises(SolveError, match=r"a larger limits\.duty or limits\.together"):
-        search(THREE, "speed", replace(LIMITS, together=1), starts=2)
+        search(THREE, SPEED, replace(LIMITS, together=1), starts=2)
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,7 @@ def test_what_is_not_limited_has_no_form():
     assert len(links) == 3
     free = free.vary(acceleration=None, impulses=True)
     nothing = ScaledLimits(limits.task.vary(limits=free))
-    *links, _ = nothing.forms((0, 2))
+    *links, _ = nothing.binding((0, 2))
     assert [(f.below, f.above) for f in links] == [(np.inf, np.inf)] * 3
     assert [*nothing.spikes, *nothing.actuator_most] == [np.inf] * 7
 

@@ -1,5 +1,7 @@
 """Limits held over all time: excess over every one, solved by hand."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from effort import examples
@@ -10,7 +12,7 @@ from smooth_gaits import safe_load, smooth_gaits
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.verify import violations
+from wormopt.systems.spiked.verify import excess_of, speed_of, violations
 
 # A link that differs by direction in all it does: rate from 1 down to -2 at acceleration -1, back
 # up to 1 at acceleration 2, then on at rate 1 until its length repeats.
@@ -184,3 +186,28 @@ def test_a_limit_drawn_around_samples_holds_and_one_drawn_within_does_not(
                 each[row] = share * tops[row]
                 found = violations(motion, wide.vary(**{name: tuple(each)}))
                 assert found[f"limits.{name}"] == pytest.approx(excess, abs=1e-3)
+
+
+# Two links at ticks of 0.5, and what closes the table. Rates: 0.4, 0, -0.4 and 0.6, -0.8, 0.2.
+TABLE = np.array([[1.0, 1.2, 1.2, 1.0], [2.0, 2.3, 1.9, 2.0]])
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ({"rate": Rates((0.5, 0.5), (0.2, 0.4))}, {"limits.rate": 0.4 / 0.2 - 1}),
+        ({"rate": Rates((0.5, 0.2), (0.2, 0.4))}, {"limits.rate": 0.8 / 0.2 - 1}),
+        # the first rate follows the last: link 0 turns by 0.8
+        ({"rate": None, "acceleration": (1.0, 4.0)}, {"limits.acceleration": 0.8 / 0.5 - 1}),
+        ({"rate": None, "acceleration": 1.4}, {"limits.acceleration": 1.4 / 0.5 / 1.4 - 1}),
+    ],
+)
+def test_what_a_table_exceeds(changed: dict[str, Any], expected: dict[str, float]):
+    found = excess_of(TABLE, 0.5, LIMITS.vary(**changed))
+    assert found == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_table_is_as_fast_as_the_head_must_go():
+    """Mass 1 rests in the first tick, mass 2 in the second, the head in the third."""
+    table = np.array([[1.0, 1.3, 1.2, 1.0], [2.0, 1.9, 2.1, 2.0]])
+    assert speed_of(table, 1.5) == pytest.approx((0.3 + 0.1 + 0.0) / 1.5, rel=1e-12)

@@ -50,6 +50,7 @@ def test_the_law_of_motion_is_that_of_the_whole_mass():
     rate = ca.Function("f", [ca.vertcat(*(s.symbol for s in model.p)), force], [model.ode])
     values = np.concatenate([np.ravel(np.array(s.value)) for s in model.p])
     assert float(rate(values, [0.5, -2.0])) == pytest.approx(-1.5 / 3, abs=1e-16)
+    assert [signal.value for signal in model.x] == [0.0]  # at rest, as nothing is said
 
 
 def test_actuators_feed_what_the_ground_takes_and_the_centre_gains():
@@ -166,6 +167,7 @@ def test_equal_laws_fulfil_the_sum_of_arcs():
         ([], COULOMB, "amplitudes must be positive"),
         ([1.0, 1.0], Viscous(1.0), "closed form needs dry friction"),
         ([1.0, 1.0], Coulomb(0.0, 1.0), "friction must act in both directions"),
+        ([1.0, 1.0], Coulomb(1.0, 0.0), "friction must act in both directions"),
         ([1.0, 1.0], [COULOMB], "one friction law, or 2"),
     ],
 )

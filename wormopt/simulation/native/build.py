@@ -62,10 +62,7 @@ def compiler() -> tuple[str, ...] | None:
 
 
 def cache_folder() -> Path:
-    """Folder of compiled code, accessible to this user only.
-
-    Raises CompilerError if it cannot be made or has another owner.
-    """
+    """Folder of compiled code, accessible to this user only."""
     folder = user_cache_path("wormopt") / "native"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -88,7 +85,6 @@ def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2"
     """Load the shared library of some C sources, from the cache if possible.
 
     `sources` are (file name, text), headers included; `name` begins the library's file name.
-    Raises CompilerError if it cannot be compiled or loaded.
     """
     command = compiler()
     if command is None:
@@ -172,10 +168,7 @@ _LEVEL = "-O1"
 
 
 def function_library(function: ca.Function) -> ctypes.CDLL:
-    """Compile a function with everything it calls; CasADi must be able to write it as C.
-
-    Raises CompilerError if there is no compiler or it fails.
-    """
+    """Compile a function with everything it calls; CasADi must be able to write it as C."""
     generator = ca.CodeGenerator("function.c")
     generator.add(function)
     return library("function", [("function.c", generator.dump())], _LEVEL)

@@ -161,10 +161,7 @@ class Compiled:
 
 @lru_cache(maxsize=64)
 def compiled(system: System, variation: Variation | None = None) -> Compiled:
-    """Compile the functions of a system, with or without derivatives, or find them in the cache.
-
-    Raises CompilerError if there is no compiler or it fails.
-    """
+    """Compile the functions of a system, with or without derivatives, or find them in the cache."""
     driver()
     functions = system.functions | (variation.functions if variation else {})
     found, n_w = model_code.compiled(list(functions.values()))
@@ -361,10 +358,7 @@ def _outcome(found: _Report, status: str, task: InitialValueProblem) -> Outcome:
 
 
 def takes(system: System) -> bool:
-    """Whether motions of a system can be integrated side by side; compiles the functions.
-
-    Raises CompilerError if there is no compiler or it fails.
-    """
+    """Whether motions of a system can be integrated side by side; compiles the functions."""
     if (system.exact and system.shares) or system.model.alg.numel():
         return False
     return model_code.compiled_lanes(system) is not None and bool(compiled(system))

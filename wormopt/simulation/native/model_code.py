@@ -77,10 +77,7 @@ void rhs(const vec *t, const vec *x, const vec *p, const vec *s, vec *restrict d
 
 @lru_cache(maxsize=64)
 def compiled_lanes(system: System) -> ctypes.CDLL | None:
-    """`rhs` of a system for lanes; None if it is too long or has operations without vectors.
-
-    Raises CompilerError if there is no compiler or it fails.
-    """
+    """`rhs` of a system for lanes; None if it is too long or has operations without vectors."""
     text = lanes_source(system.rhs)
     return None if text is None else _lanes_library(text)
 
@@ -126,10 +123,7 @@ def places_source(at: AtPlaces) -> str | None:
 
 
 def places_library(at: AtPlaces) -> ctypes.CDLL | None:
-    """`at.function` in vectors; None if impossible.
-
-    Raises CompilerError if there is no compiler or it fails.
-    """
+    """`at.function` in vectors; None if impossible."""
     text = places_source(at)
     return None if text is None else _library(text)
 
@@ -364,10 +358,7 @@ def head(texts: Sequence[str]) -> str:
 
 
 def compiled(functions: Sequence[ca.Function]) -> tuple[ctypes.CDLL, int]:
-    """Library of functions, and their number of working numbers, see `source`.
-
-    Raises CompilerError if there is no compiler or it fails.
-    """
+    """Library of functions, and their number of working numbers, see `source`."""
     text, n_w = source(functions)
     return _library(text), n_w
 

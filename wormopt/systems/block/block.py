@@ -245,11 +245,7 @@ class _Slide:
         *,
         may_turn: bool = False,
     ) -> tuple[_Leg, np.ndarray, str]:
-        """Integrate to a velocity, or to where the drive reverses; report which comes first.
-
-        `y`: position, velocity, and the distance from this velocity to the last one after the
-        reversal.
-        """
+        """Integrate to a velocity, or to where the drive reverses; report which comes first."""
         from scipy.integrate import solve_ivp
 
         if abs(y[1] - target) <= _SMALL * self._sizes[1]:

@@ -280,10 +280,6 @@ class Slide(OptimalMotion, kind="slide"):
         return Scalar(self.optimum.objective, unit_of(self.minimise, self.units))
 
     @property
-    def defect(self) -> float:
-        return self.mesh.tolerance
-
-    @property
     def treatment(self) -> Treatment:
         return self.contact.options
 

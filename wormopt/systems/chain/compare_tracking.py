@@ -282,10 +282,7 @@ class CompareTracking(Rivals, kind="compare-tracking"):
     def _in_processes(
         self, work: Callable[[Any], T], names: Sequence[str], draws: Sequence[Sequence[Draw]]
     ) -> Sequence[Mapping[str, T]]:
-        """Do the work of each name for each reference and its `draws`, the longest first.
-
-        The crawl has no reference, so it is the same for all.
-        """
+        """Do the work of each name for each reference and its `draws`, the longest first."""
         several = range(len(self.gaits))
         jobs = [(n, k) for k in several for n in reversed(names) if not k or n != CRAWL]
         todo = [(name, self.gaits[k], draws[k]) for name, k in jobs]
@@ -337,10 +334,7 @@ class CompareTracking(Rivals, kind="compare-tracking"):
         return self.by_hardware(plant, drive(compared, inputs, periodic=periodic))
 
     def controllers(self, index: int) -> Iterator[Controller]:
-        """All controllers for a reference: first feedback, then plans, without and with LQR.
-
-        Plans that were not found are left out.
-        """
+        """All controllers for a reference: first feedback, then plans, without and with LQR."""
         gait = self.gaits[index]
         yield from self.feedback_loops[index]
         found = {name: made.nominal for name, made in self.plans[index].items() if made.nominal}

@@ -123,10 +123,7 @@ def draw_factors(
     spread: float | Mapping[str, float],
     random: np.random.Generator,
 ) -> dict[str, np.ndarray]:
-    """Factors for the parameters of another worm, uniform within ± `spread` of 1.
-
-    A number is for the parameters of a chain.
-    """
+    """Factors for the parameters of another worm, uniform within ± `spread` of 1."""
     shares = spread if isinstance(spread, Mapping) else dict.fromkeys(VARIED, spread)
     return {
         name: random.uniform(1 - share, 1 + share, own[name].shape)

@@ -510,10 +510,7 @@ def _halved(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
 
 
 def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[float]]:
-    """Solve from all starts; the optima of each stage, and the coarse objectives of all starts.
-
-    The last stage is the result. Raises SolveError if no start leads to a crawl.
-    """
+    """Solve from all starts; the optima of each stage, and the coarse objectives of all starts."""
     report("simulating waves", None)
     first = starts(task)
     found: list[Solved | None] = [None] * len(first)

@@ -40,10 +40,7 @@ def share_interval(count: int, members: int) -> tuple[float, float]:
 
 
 def median_interval(values: np.ndarray) -> tuple[float, float]:
-    """Interval of the median between two of the values, by order statistics.
-
-    A bound is NaN if there are too few values, or if its value is unknown.
-    """
+    """Interval of the median between two of the values, by order statistics."""
     known = np.where(np.isnan(values), np.inf, values)
     found = scipy.stats.quantile_test(known, q=0, p=0.5).confidence_interval(LEVEL)
     ends = np.array([found.low, found.high])

@@ -36,7 +36,6 @@ def crawl_problem(
 
     `plant` is from `chain`, or several from `scenario_model`, of which `judge` says whether the
     mean or the worst speed counts. The tail starts at 0; bounds have the names of scene keys.
-    Raises ArgumentError if energy is the cost and the plant has no ``mass``.
     """
     force = min(max(per(limits.actuator_force, 1)), _FAR * plant.u[0].nominal)
     plant = replace(plant, u=[replace(u, lower=-force, upper=force) for u in plant.u])

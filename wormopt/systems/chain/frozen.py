@@ -69,8 +69,7 @@ def task_of(plant: Model, laws: Sequence[Law], gait: Gait, shift: float, rest: n
 def task_of_own(plant: Model, laws: Sequence[Law], gait: Gait, shift: float) -> Task:
     """Reference and disturbance of the linear loops of a plant of the user's own.
 
-    Its lengths count from those at rest without input and dry friction. Raises ArgumentError if it
-    is not linear, or never rests.
+    Its lengths count from those at rest without input and dry friction.
     """
     free = without_dry_friction(plant, laws)
     x, y = pack(free.x), free["length"]

@@ -198,10 +198,7 @@ def law_of(table: Friction, mass: int = 0) -> Law:
 def close_loop(
     plant: Model, reference: Reference, tracker: Tracker, worm: ChainTable | None
 ) -> Model:
-    """Close the loop of a tracker; `worm` is None for plants of the user's own.
-
-    Raises ArgumentError if it cannot start at the plant's state, or does not fit the plant.
-    """
+    """Close the loop of a tracker; `worm` is None for plants of the user's own."""
     feedforward = _feedforward(tracker, worm)
     if isinstance(tracker, FunnelTracker):
         return funnel_tracker(

@@ -101,8 +101,7 @@ def followed_by_lqr(
 ) -> Trajectory:
     """Simulate an LQR with feed-forward exactly: a motion near the reference as first guess.
 
-    `error_weight` is that of |e|^2, relative to the squared correction to the feed-forward. Raises
-    SolveError if no stable LQR exists.
+    `error_weight` is that of |e|^2, relative to the squared correction to the feed-forward.
     """
     try:
         loop = lqr(plant, reference, error_weight=error_weight)
@@ -115,10 +114,7 @@ def followed_by_lqr(
 
 
 def scaled(problem: Problem, near: Trajectory, arcs: int) -> Problem:
-    """Scale a `tracking_problem` by a motion near the optimum, so solves are equal in all units.
-
-    Integrals then have the size of 1, the objective that of `_AN_ARC` per arc.
-    """
+    """Scale a `tracking_problem` by a motion near the optimum, so solves are equal in all units."""
     model, end = problem.model, near.end_time
     seen = near.at((np.arange(arcs) + 0.5) / arcs * end)
     mean = [float(np.mean(np.sum(seen[name] ** 2, axis=0))) for name in ("error", "input")]

@@ -77,11 +77,7 @@ class OwnModel(Given):
         yield from _faults_of_file(folder / shown, shown)
 
     def load(self, scene: str, folder: Path) -> Model:
-        """Run the file and its function; `scene` is a name for messages.
-
-        Raises SceneError if the file or function is missing or fails, or if its return value is not
-        a Model that can be simulated and saved.
-        """
+        """Run the file and its function; `scene` is a name for messages."""
         file, _, function = self.file.rpartition(":")
         return _load(_Asked(scene, folder, file, function, self.parameters))
 
@@ -97,10 +93,7 @@ class OwnPlant(OwnModel):
     input: Title = entry("input by which the controller acts, of as many entries", default="input")
 
     def plant(self, scene: str, folder: Path) -> Model:
-        """Load the plant, as `as_tracked` makes it of the file's Model.
-
-        Raises SceneError as `load`, or if the output cannot follow by the input.
-        """
+        """Load the plant, as `as_tracked` makes it of the file's Model."""
         model = self.load(scene, folder)
         try:
             return as_tracked(model, self.output, self.input)

@@ -605,6 +605,7 @@ def predictive(result: Result) -> Figure:
                 "share of shorter decisions")  # fmt: skip
     costs.axes.set_yticks(range(len(names)), [""] * len(names))
     costs.axes.set_ylim(len(names) - 0.5, -0.5)
+    costs.axes.locator_params("x", nbins=4)
     costs.label(r"$\int |e|^2 + \rho |u|^2$ d$t$", of="cost")
     costs.axes.set_xlabel(costs.axes.get_xlabel() + "\n(cross: nominal plant)")
     costs.label(y="controller, in the legend's order")

@@ -56,10 +56,7 @@ class DrawnPlants(Given):
     seed: Seed = entry("seed of the drawn plants", default=0)
 
     def of(self, plant: Model) -> list[Draw]:
-        """Draw the parameters of plants around those of this one.
-
-        Raises ArgumentError if it lacks one of `parameters`.
-        """
+        """Draw the parameters of plants around those of this one."""
         names = self.parameters
         if names is None and not is_chain(plant):
             names = tuple(s.name for s in plant.p if s.value is not None)
@@ -215,10 +212,7 @@ def plan_tracking(
     *,
     p: Mapping[str, ArrayLike] | None = None,
 ) -> MpcPlan:
-    """Plan the motion from 0 to `end` on arcs of one decision each; `p` are other parameters.
-
-    Raises SolveError if no plan is found.
-    """
+    """Plan the motion from 0 to `end` on arcs of one decision each; `p` are other parameters."""
     weight = control.input_weight
     bounded, free = limited(plant, control.force) if control.force else plant, limited(plant)
     objective = LeastError(input_weight=weight)

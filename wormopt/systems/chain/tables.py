@@ -221,10 +221,7 @@ class ChainTable(Given):
         return facts_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
 
     def faults(self, horizon: float, units: str) -> Iterator[Fault]:
-        """Yield conflicts between the keys of this table.
-
-        `horizon` is the duration of the motion, `units` are the scene's.
-        """
+        """Yield conflicts between the keys of this table."""
         yield from faults_of_slope(self.slope, self.gravity, units)
         for name in ("mass", "drag", "load"):
             yield from wrong_count(f"worm.{name}", getattr(self, name), self.links + 1, "masses")
@@ -523,10 +520,7 @@ Tracker = (
 
 
 def faults_of_lag(key: str, tracker: Tracker, end: float) -> Iterator[Fault]:
-    """Yield a fault for a lag that is too short for a motion from 0 to `end`.
-
-    `key` is the tracker's path.
-    """
+    """Yield a fault for a lag that is too short for a motion from 0 to `end`."""
     if isinstance(tracker, DifferenceTracker) and end / tracker.lag > _MOST_STRETCHES:
         least = end / _MOST_STRETCHES
         yield (

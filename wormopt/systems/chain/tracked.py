@@ -132,10 +132,7 @@ def follow(
     *,
     motions: int = 1,
 ) -> Tracked:
-    """Simulate a closed loop.
-
-    Raises SolveError and Interrupted with what was reached as `partial`.
-    """
+    """Simulate a closed loop."""
     try:
         motion = simulate_whole(
             watched(loop, tracker),
@@ -287,10 +284,7 @@ def follow_all(
     tolerance: Tolerance,
     report: Report,
 ) -> Herd:
-    """Simulate a closed loop for every member of an ensemble.
-
-    Raises SolveError if no member is completed, Interrupted with the completed members.
-    """
+    """Simulate a closed loop for every member of an ensemble."""
     scenarios = [Scenario(p=links.numbers, schedules=links.paths) for links in members]
 
     def herd(ensemble: Ensemble) -> Herd:

@@ -125,10 +125,7 @@ class Following(Study):
             raise SceneError(self.name, [(key, message)]) from None
 
     def own_arrays(self, motions: Sequence[Trajectory], over: str) -> dict[str, Variable]:
-        """Every named state and output of a plant of the user's own; {} for a chain.
-
-        The dimension `over` counts the motions.
-        """
+        """Every named state and output of a plant of the user's own; {} for a chain."""
         if self.own is None:
             return {}
         return own_variables(motions, own_signals(self.own), self.units, over)

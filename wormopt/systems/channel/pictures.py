@@ -52,10 +52,7 @@ _NAMES = {
 
 
 def channel_velocity(result: Result) -> Figure:
-    """Plot velocity over coil frequency, in closed form and measured; both axes logarithmic.
-
-    The range beyond the validity of the formula is grey. `result` is of kind ``channel-worm``.
-    """
+    """Plot velocity over coil frequency, in closed form and measured; both axes logarithmic."""
     page = Page(result, 4.4, 4.4, _UNITS)
     panel, per = page.panel(), result["velocity_per_frequency"].value
     for k, name in enumerate(page["shapes"]):

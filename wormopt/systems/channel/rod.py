@@ -289,10 +289,7 @@ class Curve:
 
 
 def graph_curve(height: Callable[[np.ndarray], np.ndarray], span: float) -> Curve:
-    """Return the curve of a smooth function y = height(x), 0 <= x <= span, with span > 0.
-
-    `height` maps positions (m,) to heights (m,).
-    """
+    """Return the curve of a smooth function y = height(x), 0 <= x <= span, with span > 0."""
     slope = resolve(lambda x: height(x)[None], 0.0, span).derivative()
     stretch = resolve(lambda x: np.hypot(1.0, slope(x)), 0.0, span)
     along = stretch.primitive()
@@ -371,7 +368,6 @@ class RodLine:
         """Return the centre line between two x, by its own length, from the end nearer `first`.
 
         Angles are of the cross sections. If an x is passed several times, all between is included.
-        Raises ArgumentError if the rod does not reach from one to the other.
         """
         edges, forward = self._edges(first, last)
         lengths = np.array([self._length(*pair) for pair in pairwise(edges)])
@@ -403,10 +399,7 @@ class RodLine:
         return energy, largest
 
     def unloaded(self, first: float, last: float) -> float:
-        """Return the length of the straight rod that lies between two x.
-
-        Raises ArgumentError like `between`.
-        """
+        """Return the length of the straight rod that lies between two x."""
         edges, _ = self._edges(first, last)
         return float(edges[-1] - edges[0]) * self.rod.length / self.rod.elements
 

@@ -22,6 +22,7 @@ with on_use():
     from scipy.special import stdtrit
 
     from wormopt.model.model import Model, pack
+    from wormopt.numerics.expressions import at_columns
     from wormopt.simulation.moreau import StepRecord
 
 ASSUMED = {
@@ -38,8 +39,6 @@ _ENERGY, _DEPTH, _FIELD = 0.01, 0.05, 0.05
 # to at least the energy of the rod at this speed, because a rod may stand still. A velocity with a
 # relative error above the second share is not compared.
 _STILL, _KNOWN = 0.01, 0.5
-# Number of states whose energies are computed together.
-_BLOCK = 512
 
 
 @dataclass(frozen=True)
@@ -208,15 +207,11 @@ def energy_error(
 
     `mass`: of the rod, whose kinetic energy at a hundredth of `field_speed` is the least divisor.
     """
-    energy = ca.Function(
-        "energy",
-        [pack(model.x), pack(model.p)],
-        [model["strain_energy"] + model["kinetic_energy"]],
-    )
     p = np.array([numbers[signal.name] for signal in model.p])
-    blocks = range(0, steps.states.shape[1], _BLOCK)
-    parts = [energy(steps.states[:, first : first + _BLOCK], p) for first in blocks]
-    stored = np.hstack([np.array(part).ravel() for part in parts])
+    stored = model["strain_energy"] + model["kinetic_energy"]
+    stored = ca.densify(ca.substitute(stored, pack(model.p), ca.DM(p)))
+    energy = ca.Function("energy", [pack(model.x)], [stored])
+    stored = at_columns(energy, steps.states)[0]
     done = sum(steps.work.values())
     scale = max(
         np.abs(np.diff(steps.work["load_power"])).sum(), mass / 2 * (_STILL * field_speed) ** 2
@@ -224,14 +219,21 @@ def energy_error(
     return float(np.abs(stored - stored[0] - done).max() / scale)
 
 
-def length_between(x: np.ndarray, y: np.ndarray, first: float, last: float) -> float:
-    """Return the length of a polyline between two positions along the row."""
-    arc = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
-    inside = np.flatnonzero((x[:-1] - first) * (x[1:] - first) <= 0)
-    beyond = np.flatnonzero((x[:-1] - last) * (x[1:] - last) <= 0)
-    i, j = inside[0], beyond[-1]
-    ends = [
-        np.interp((place - x[k]) / (x[k + 1] - x[k]), [0.0, 1.0], arc[k : k + 2])
-        for k, place in ((i, first), (j, last))
-    ]
-    return float(abs(ends[1] - ends[0]))
+def lengths_between(
+    x: np.ndarray, y: np.ndarray, first: np.ndarray, last: np.ndarray
+) -> np.ndarray:
+    """Return the lengths (m,) of polylines (n, m) between two positions along the row.
+
+    From where each first passes `first` to where it last passes `last`; it must pass both.
+    """
+    pieces, many = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)), np.arange(x.shape[1])
+    arc = np.vstack([np.zeros(len(many)), np.cumsum(pieces, axis=0)])
+
+    def until(at: np.ndarray, piece: np.ndarray) -> np.ndarray:
+        before, after = x[piece, many], x[piece + 1, many]
+        share = np.clip((at - before) / (after - before), 0.0, 1.0)
+        return arc[piece, many] + share * pieces[piece, many]
+
+    one, other = ((x[:-1] - at) * (x[1:] - at) <= 0 for at in (first, last))
+    i, j = np.argmax(one, axis=0), len(other) - 1 - np.argmax(other[::-1], axis=0)
+    return np.abs(until(last, j) - until(first, i))

@@ -47,7 +47,7 @@ with on_use():
         checks_of_change,
         checks_of_motion,
         energy_error,
-        length_between,
+        lengths_between,
         mean_velocity,
     )
     from wormopt.systems.channel.rod_model import (
@@ -341,19 +341,21 @@ class RodMotion(RodStudy, kind="rod-motion"):
 
         NaN if the rod never reached over a block. Durations of coils are rounded to whole switches.
         """
-        steps, rate, found = self.motion, self.switching.frequency, []
+        steps, rate = self.motion, self.switching.frequency
         n, pitch = self.rod.count, self.coils.pitch
         count, repeat = round(self.switching.duration), self.switching.every * self.coils.pitch
         switches = np.arange(round(steps.time[-1] * rate))
-        for k in switches[switches > self.time.settle * len(switches)]:
-            look = np.searchsorted(steps.time, (k + 1) / rate * (1 - 1e-9)) - 1
-            x, y = steps.states[:n, look], steps.states[n : 2 * n, look]
-            first = (k - count + 1) * pitch
-            first += repeat * round((x.mean() - first - (count - 1) * pitch / 2) / repeat)
-            last = first + (count - 1) * pitch
-            if x.min() < first and last < x.max() and count > 1:
-                found.append(length_between(x, y, first, last) / (count - 1))
-        return float(np.mean(found)) if found else float("nan")
+        switches = switches[switches > self.time.settle * len(switches)]
+        looks = np.searchsorted(steps.time, (switches + 1) / rate * (1 - 1e-9)) - 1
+        x, y = steps.states[:n, looks], steps.states[n : 2 * n, looks]
+        first, width = (switches - count + 1) * pitch, (count - 1) * pitch
+        first += repeat * np.round((x.mean(axis=0) - first - width / 2) / repeat)
+        over = (x.min(axis=0) < first) & (first + width < x.max(axis=0))
+        if count < 2 or not over.any():
+            return float("nan")
+        first = first[over]
+        found = lengths_between(x[:, over], y[:, over], first, first + width)
+        return float(found.mean() / (count - 1))
 
     # -- results -----------------------------------------------------------------------------------
 

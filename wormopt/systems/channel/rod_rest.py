@@ -234,8 +234,7 @@ class _Bench:
 def rest_of(worm: ChannelWorm, table: RodOverCoils, report: Report) -> RodAtRest:
     """Return the rest of the body over a block of coils, and its segment between two of them.
 
-    The modulus of `worm` must be known. Raises SolveError if there is no rest, or the body does not
-    reach over the coils ("no_segment").
+    The modulus of `worm` must be known.
     """
     report("rod: field of the coils", None)
     bench = _Bench(worm, table, table.elements)
@@ -291,10 +290,7 @@ class Sweep:
 def sweep_of(
     worm: ChannelWorm, table: RodOverCoils, assumed: dict[str, Curve], report: Report
 ) -> Sweep:
-    """Return length and closest `assumed` shape over ampere-turns, each from the previous rest.
-
-    Raises SolveError if there is no rest.
-    """
+    """Return length and closest `assumed` shape over ampere-turns, each from the previous rest."""
     bench, turns = _Bench(worm, table, table.elements), np.array(table.sweep)
     apart = np.full((len(assumed), len(turns)), np.nan)
     lengths = np.full(len(turns), np.nan)

@@ -267,10 +267,7 @@ def _bending(curve: Curve) -> tuple[float, float]:
 
 
 def elastic_shape(worm: ChannelWorm, closing: Free, degree: int) -> SegmentShape:
-    """Return the elastica, with polynomials up to `degree`.
-
-    Raises SolveError if a sleeve leaves the walls ("no_contact"), or it is not resolved.
-    """
+    """Return the elastica, with polynomials up to `degree`."""
     pitch, rise = worm.pitch, worm.rise / worm.pitch
     if closing == "sleeve" and rise > SLEEVE_RISE:
         raise SolveError(

@@ -185,10 +185,7 @@ class Winding(Given):
     def field(
         self, pitch: float, channel: float, body: float, on: int, every: int, tolerance: float
     ) -> BlockField:
-        """Return the field of blocks of `on` coils, repeated after `every` coils.
-
-        `channel` and `body` are diameters.
-        """
+        """Return the field of blocks of `on` coils, repeated after `every` coils."""
         coil = Coil(self.inner_radius, self.outer_radius, self.length)
         return channel_field(coil, pitch, channel, self.clearance, body, on, every, tolerance)
 

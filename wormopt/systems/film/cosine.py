@@ -256,10 +256,7 @@ class CosineWave(Shape):
         return (1 - 2 * turn / length) / root
 
     def _summits(self, tension: float) -> Iterable[float]:
-        """The slope times h³ is a polynomial of degree 8 in exp(i xi) over its fourth power.
-
-        The maximum is at the phase of one of its zeros.
-        """
+        """The slope times h³ is a polynomial of degree 8 in exp(i xi) over its fourth power."""
         h = np.array([self.delta / 2, 1.0, self.delta / 2])  # times exp(i xi)
         flow_ = np.array([self.delta / 2, self.mean_flow, self.delta / 2])
         bend = np.polymul([1.0, 0.0, -1.0], np.polymul(h, np.polymul(h, h))) / 2j
@@ -270,10 +267,7 @@ class CosineWave(Shape):
 
 
 def peak_near(wave: Shape, xi: float, tension: float) -> Peak:
-    """Maximum of the field function near phase `xi`, by Newton's method, to round-off.
-
-    `tension` is W.
-    """
+    """Maximum of the field function near phase `xi`, by Newton's method, to round-off."""
     C = wave.constant
 
     def slope(at: float) -> float:

@@ -132,10 +132,7 @@ class Course:
 
 @lru_cache(maxsize=8)
 def film_model(points: int, order: int) -> Model:
-    """Model with the parameters ``field_slope`` (points) and ``tension``.
-
-    `order` is that of the finite differences.
-    """
+    """Model with the parameters ``field_slope`` (points) and ``tension``."""
     slope, tension = ca.SX.sym("field_slope", points), ca.SX.sym("tension")
     parameters = [Signal("field_slope", slope), Signal("tension", tension)]
     return thin_film(slope, tension, order=order, p=parameters)

@@ -424,10 +424,7 @@ def checked_lengths(given: ArrayLike) -> np.ndarray:
 
 
 def _heights(wave: Wave, places: np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Heights (n,) within the film at time 0, with round-off above the surface clipped.
-
-    Raises ArgumentError if one is below the ground or above the surface.
-    """
+    """Heights (n,) within the film at time 0, with round-off above the surface clipped."""
     surface = np.asarray(wave.height(-places))
     above = (heights < 0) | (heights > surface * (1 + 1e-15))
     if above.any():

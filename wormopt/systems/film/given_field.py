@@ -160,10 +160,7 @@ def _second(values: ca.SX) -> ca.SX:
 
 
 def film_volume(thickness: ArrayLike, *, order: int = 12) -> np.ndarray:
-    """State (points - 1,) of the Model of `thin_film` with a given thickness (points,).
-
-    Raises ArgumentError unless the mean is 1 to 1e-6; the remaining error is distributed.
-    """
+    """State (points - 1,) of the Model of `thin_film` with a given thickness (points,)."""
     h = numbers("thickness", thickness).ravel()
     if not (h.size and np.all(np.isfinite(h))):
         raise ArgumentError("the thickness must be finite numbers")
@@ -201,8 +198,7 @@ def _symbol(points: int, order: int) -> np.ndarray:
 def slope_on(points: int, samples: ArrayLike) -> np.ndarray:
     """Slope (points,) of the trigonometric polynomial through samples (m,), m ≥ 4, of a period.
 
-    Harmonics that the points do not resolve are left out. Raises ArgumentError if samples are too
-    few, not finite, or jump from the last to the first.
+    Harmonics that the points do not resolve are left out.
     """
     values = numbers("samples", samples).ravel()
     if values.size < 4:
@@ -278,8 +274,7 @@ class GivenField:
 def read_field(path: Path, variable: str | None, quantity: str, units: str) -> np.ndarray:
     """Read samples (m,) of a field from a table, or a variable of an earlier result.
 
-    `quantity` is "pressure", "field_squared" or "field"; `units` those of the scene. Raises
-    ArgumentError if the file contains no field.
+    `quantity` is "pressure", "field_squared" or "field"; `units` those of the scene.
     """
     if variable is None:
         return _read_table(path, quantity, units)

@@ -47,10 +47,7 @@ def surface_velocity(h: Expression, constant: Expression) -> Expression:
 
 
 def stream_function(z: Expression, h: Expression, constant: Expression) -> Expression:
-    """Flow below z in the wave's frame: integral of u - 1 from the ground (0) to z; C at z = h.
-
-    It is constant along paths of the fluid.
-    """
+    """Flow below z in the wave's frame: integral of u - 1 from the ground (0) to z; C at z = h."""
     return pressure_gradient(h, constant) * z * z * (z / 6 - h / 2) - z
 
 

@@ -231,10 +231,7 @@ def _from_the_wave(panel: Panel) -> None:
 
 
 def carried(result: Result) -> Figure:
-    """Body in the wave in the last period, and its velocity.
-
-    Heights are stretched relative to lengths.
-    """
+    """Body in the wave in the last period, and its velocity."""
     page = Page(result, 6.6, 6.2)
     t, turn = page["time"], _TURN * _scales(page)[1]
     *frames, below = page.rows(*[1] * _FRAMES, 2.6, share=False)
@@ -256,10 +253,7 @@ def carried(result: Result) -> Figure:
 
 
 def floats(result: Result) -> Figure:
-    """Floats on the wave at some times, from the first on, and the field that makes the wave.
-
-    Heights are stretched relative to lengths; the field has no scale.
-    """
+    """Floats on the wave at some times, from the first on, and the field that makes the wave."""
     page = Page(result, 5.6, 6.2)
     *rows, field = page.rows(*[1] * _FRAMES, 0.8, share=False)
     t, turn = page["time"], _TURN * _scales(page)[1]

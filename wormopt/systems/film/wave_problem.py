@@ -325,10 +325,7 @@ def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
 
 
 def _film(limits: WaveLimits, flow: ca.SX, strength: ca.SX, size: float, swing: float) -> Model:
-    """Eq. 29 over the phase, with the field as its input, or as a state if its slope is limited.
-
-    `size`: usual range of the field; `swing`: of the thickness.
-    """
+    """Eq. 29 over the phase, with the field as its input, or as a state if its slope is limited."""
     h, slope, m, field = (ca.SX.sym(name) for name in ("thickness", "slope", "pressure", "field"))
     least, most = limits.thickness
     steep = math.sqrt(size * min(most - least, swing) / limits.tension)

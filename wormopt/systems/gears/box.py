@@ -80,9 +80,8 @@ def shortest_transition(
 ) -> Transition:
     """Find the shortest transition from one gear to another.
 
-    Limits hold at every load on each mass in the range `load`; at least `resting` masses rest.
-    No further pair of phases is tried after `most` linear programs. Raises SolveError if there is
-    no transition.
+    Limits hold at every load on each mass in the range `load`; at least `resting` masses rest. No
+    further pair of phases is tried after `most` linear programs.
     """
     tasks = sorted(_tasks(before, after, limits, load[1], resting), key=_hopeless)
     programs = _Programs(before.mass, before.drag, limits, load, arcs)
@@ -422,8 +421,7 @@ class GearBox:
 def gear_box(gears: Sequence[Gear], limits: Limits, *, resting: int = 1, arcs: int = 12) -> GearBox:
     """Sort gears by speed, and design the transitions between neighbours.
 
-    A transition meets the limits at all loads that both gears carry. Raises ArgumentError if two
-    gears are equally fast or have no common load, SolveError if there is no transition.
+    A transition meets the limits at all loads that both gears carry.
     """
     ordered = tuple(sorted(gears, key=lambda gear: gear.speed))
     up, down = [], []

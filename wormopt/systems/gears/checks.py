@@ -158,10 +158,7 @@ def transitions(box: GearBox, limits: Limits) -> Iterator[Check]:
 
 
 def hindsight(limits: Limits, best: Schedule, walked: Walk, again: Walk) -> Iterator[Check]:
-    """Check that the best schedule is feasible, within the limits, and the best.
-
-    `walked` is the motion with the schedule, `again` that of the supervised worm.
-    """
+    """Check that the best schedule is feasible, within the limits, and the best."""
     off = abs(walked.arrival / best.time - 1)
     advice = f"computed stroke by stroke, the best schedule arrives at {walked.arrival:.9g}"
     yield Check("best schedule, second route", off, _AGREED, advice)

@@ -64,8 +64,7 @@ def best_schedule(
 ) -> Schedule:
     """Find the schedule that moves the mean of the masses from `start` to `goal` first.
 
-    It starts with a cycle of `gear`. A cycle crosses at least `fineness` bins. Raises SolveError if
-    no schedule meets the limits.
+    It starts with a cycle of `gear`. A cycle crosses at least `fineness` bins.
     """
     least = min(gear.advance for gear in box.gears)  # from one visit of a node to the next
     bins = int(np.ceil(fineness * (goal - start) / least))
@@ -160,10 +159,7 @@ def _nodes(box: GearBox) -> set[int]:
 def _edges(
     box: GearBox, ground: Ground, limits: Limits, places: np.ndarray
 ) -> dict[int, list[Edge]]:
-    """Edges by their first row.
-
-    A node is a row; a gear is left at the end of the row before it.
-    """
+    """Edges by their first row. A node is a row; a gear is left at the end of the row before it."""
     nodes = _nodes(box)
     before = {row.follows: row for row in box.rows if not row.shifting}
     shapes = _shapes(box)

@@ -137,10 +137,7 @@ class PairParts:
         return ca.sqrt(2 * self.stiffness / self.mass)
 
     def contacts(self, velocities: ca.SX, nominal_force: float) -> list[Contact]:
-        """Contacts of both masses, with velocities (2, 1), on the ground.
-
-        `nominal_force`: usual friction.
-        """
+        """Contacts of both masses, with velocities (2, 1), on the ground."""
         return [
             Contact(f"mass {i}", velocities[i], self.forces[i], law, nominal_force)
             for i, law in enumerate(self.laws)
@@ -155,10 +152,7 @@ def pair_parts(
     frequency: float,
     cosines: Sequence[float] | None,
 ) -> PairParts:
-    """Make the symbols that all forms of the pair share, from arguments of `magnetic_pair`.
-
-    Raises ArgumentError like `magnetic_pair`.
-    """
+    """Make the symbols that all forms of the pair share, from arguments of `magnetic_pair`."""
     t = ca.SX.sym("t")
     positive = [
         _positive("mass", mass, "mass"),

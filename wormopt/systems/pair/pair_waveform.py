@@ -10,14 +10,12 @@ from typing import Any, ClassVar, Literal
 
 from wormopt.errors import Fault, SolveError
 from wormopt.quantities import Scalar, unit_of
-from wormopt.result import Check, Unchecked
+from wormopt.result import Unchecked
 from wormopt.study import (
     Given,
-    Study,
     arrays,
     attributes,
     check,
-    checks,
     entry,
     facts,
     on_use,
@@ -35,16 +33,17 @@ from wormopt.study.types import Seed, per
 from wormopt.systems.chain import CoulombFriction, faults_of_law
 from wormopt.systems.pair.tables import Aim, Limits
 from wormopt.systems.shared.declared import INSTANT
-from wormopt.systems.shared.optimal_motion import OptimumNumbers, optimum_numbers
+from wormopt.systems.shared.optimal_motion import OptimalMotion
 
 with on_use():
+    import casadi as ca
     import numpy as np
 
     from wormopt.model.friction import Coulomb
     from wormopt.model.model import Model
     from wormopt.numerics.collocation import Collocation
     from wormopt.ocp.mesh import Mesh
-    from wormopt.ocp.motion import Guess, Motion
+    from wormopt.ocp.motion import Guess
     from wormopt.ocp.optimise import Optimum
     from wormopt.systems.chain import law_of
     from wormopt.systems.pair.exact import magnetic_pair, scaled_law
@@ -64,15 +63,7 @@ with on_use():
         scaled,
         waveform_problem,
     )
-    from wormopt.systems.shared.optimum import (
-        cross_check,
-        optimum_facts,
-        replay_check,
-        sample_motion,
-        warnings_of_optimum,
-        warnings_of_reading,
-    )
-    from wormopt.systems.shared.proof import CrossCheck
+    from wormopt.systems.shared.optimum import warnings_of_reading
 
 _WIDE = 1.0  # strain above which the model of the link is not valid
 
@@ -189,7 +180,7 @@ SIGNALS = INSTANT | {
 }
 
 
-class PairWaveform(Study, kind="pair-waveform"):
+class PairWaveform(OptimalMotion, kind="pair-waveform"):
     """Optimise the periodic field that drives a magneto-elastic pair.
 
     The magneto-elastic pair (eq. 16 of Zimmermann et al. 2007) moves in the best field, and for
@@ -252,8 +243,9 @@ class PairWaveform(Study, kind="pair-waveform"):
         found = guesses(self.free, self.limits, first, self.pair.eps, starts=starts, seed=seed)
         return first, found
 
-    @stage
-    def optimum(self) -> tuple[dict[str, Optimum], tuple[float, ...]]:
+    @cached_property
+    def searched(self) -> tuple[dict[str, Optimum], tuple[float, ...]]:
+        """The solves by name, the last with exact phases, and the results of the starts."""
         first, starts = self.start
         mesh = Mesh.even(1, self.mesh.arcs, Collocation(self.mesh.degree, self.mesh.scheme))
         problem = waveform_problem(scaled(self.free, first), self.limits, self.objective)
@@ -262,29 +254,15 @@ class PairWaveform(Study, kind="pair-waveform"):
         except SolveError as error:  # its partial result is no optimum
             raise SolveError(error.reason, error.suggestion, code=error.code) from None
 
-    @property
-    def solves(self) -> dict[str, Optimum]:
-        """The solves by name, the last with exact phases."""
-        return self.optimum[0]
-
-    @property
-    def motion(self) -> Motion:
-        """The optimal motion."""
-        return self.solves["phases"].motion
+    def solve(self) -> dict[str, Optimum]:
+        """Find the best field."""
+        return self.searched[0]
 
     @stage
-    def simulation(self) -> Proof:
+    def proof(self) -> Proof:
         return prove(self.free, self.motion, self.report)
 
-    @stage
-    def second_route(self) -> CrossCheck:
-        return cross_check(self.motion, report=self.report)
-
     # -- results -----------------------------------------------------------------------------------
-
-    @parts(OptimumNumbers)
-    def numbers(self) -> OptimumNumbers:
-        return optimum_numbers(self.solves)
 
     @scalar(
         "speed", "value that was minimised; a speed is maximised as its negative", name="objective"
@@ -292,10 +270,6 @@ class PairWaveform(Study, kind="pair-waveform"):
     def minimised(self) -> Scalar:
         quantity = "energy_per_distance" if self.objective.minimise else "speed"
         return Scalar(self.numbers.minimised, unit_of(quantity, self.units))
-
-    @scalar("share", "largest difference at the end from a simulation with the optimal inputs")
-    def recheck_error(self) -> float | None:
-        return self.second_route.error
 
     @parts(InHarmonicField)
     def harmonic(self) -> InHarmonicField:
@@ -326,7 +300,7 @@ class PairWaveform(Study, kind="pair-waveform"):
 
     @parts(Simulated)
     def simulated(self) -> Simulated:
-        proof, orbit = self.simulation, self.simulation.orbit
+        proof, orbit = self.proof, self.proof.orbit
         return Simulated(
             speed_simulated=proof.speed,
             strain_max=orbit.strain,
@@ -336,40 +310,31 @@ class PairWaveform(Study, kind="pair-waveform"):
             gain=_gain(proof, self.harmonic_field, fastest=self.objective.maximise is not None),
         )
 
+    def expressions(self) -> dict[str, ca.SX]:
+        """Return the signals to sample."""
+        model = self.motion.program.problem.model
+        names = ("position", "velocity", "stretch", "field")
+        return {name: model[name] for name in names} | {"contact_force": model.forces}
+
     @arrays(SIGNALS)
     def signals(self) -> dict[str, np.ndarray]:
-        motion, harmonic, model = (
-            self.motion,
-            self.harmonic_field,
-            self.motion.program.problem.model,
-        )
-        names = ("position", "velocity", "stretch", "field")
-        expressions = {name: model[name] for name in names} | {"contact_force": model.forces}
-        sampled = sample_motion(motion, expressions)
+        motion, harmonic = self.motion, self.harmonic_field
         # The harmonic field is shifted so its crest is that of the waveform's first harmonic.
         lag = first_harmonic(field_course(motion))[1] / (2 * math.pi)
-        at = np.mod(sampled.time / motion.duration - lag, 1.0) * harmonic.course.period
+        at = np.mod(self.sampled["instant"] / motion.duration - lag, 1.0) * harmonic.course.period
         dense = harmonic.orbit.motion.dense
         assert dense is not None
         x = dense(at)
-        return sampled.arrays(SIGNALS) | {
+        return self.sampled | {
             "field_harmonic": harmonic.course(at)[0],
             "stretch_harmonic": x[1] - x[0],
         }
 
     @attributes
-    def drawn(self) -> dict[str, Any]:
-        contacts = self.motion.program.problem.model.contacts
-        return {
-            "contacts": [contact.name for contact in contacts],
-            "signals": ["field", "stretch", "velocity"],
-        }
+    def shown(self) -> dict[str, Any]:
+        return {"signals": ["field", "stretch", "velocity"]}
 
     # -- the trust report --------------------------------------------------------------------------
-
-    @checks
-    def replayed(self) -> Iterator[Check]:
-        yield replay_check(self.second_route)
 
     @check(
         1e-7,
@@ -377,22 +342,20 @@ class PairWaveform(Study, kind="pair-waveform"):
         name="speed by simulation",
     )
     def speed_error(self) -> float:
-        found, kept = self.field_found.speed, self.simulation.speed
+        found, kept = self.field_found.speed, self.proof.speed
         return abs(kept - found) / max(abs(found), abs(kept), 1e-300)
 
     @facts
-    def found(self) -> dict[str, Any]:
-        return optimum_facts(self.solves, self.second_route) | {"starts": self.optimum[1]}
+    def tried(self) -> dict[str, Any]:
+        return {"starts": self.searched[1]}
 
     @warnings
-    def of_optimisation(self) -> Iterator[str]:
-        relaxed, exact = self.solves.values()
-        yield from warnings_of_optimum(exact, self.mesh.tolerance)
-        yield from warnings_of_reading(relaxed, exact)
+    def of_reading(self) -> Iterator[str]:
+        return warnings_of_reading(*self.optimisation.optima.values())
 
     @warnings
     def of_harmonic_field(self) -> Iterator[str]:
-        harmonic, orbit, proof = self.harmonic_field, self.harmonic_field.orbit, self.simulation
+        harmonic, orbit, proof = self.harmonic_field, self.harmonic_field.orbit, self.proof
         if not orbit.settled:
             yield (
                 f"in the harmonic field the motion still changes by {orbit.drift:.2g} after "
@@ -423,7 +386,7 @@ class PairWaveform(Study, kind="pair-waveform"):
 
     @warnings
     def of_motion(self) -> Iterator[str]:
-        left, strain = self.simulation.left, self.simulation.orbit.strain
+        left, strain = self.proof.left, self.proof.orbit.strain
         if left >= FADED:
             yield (
                 f"a small push does not decay: {left:.2g} of it remains after {MOST_PERIODS} "

@@ -122,10 +122,7 @@ class Pair:
         return from_slow(0.0, x[0], x[1:], frequency=frequency)
 
     def closed_form(self, detuning: float) -> SteadyPair | None:
-        """Steady motion by eq. 19; None unless the friction is dry and equal for both.
-
-        Raises ArgumentError if there is no steady motion; `detuning`: Delta.
-        """
+        """Steady motion by eq. 19; None unless the friction is dry and equal for both."""
         first, second = self.laws
         if not (isinstance(first, Coulomb) and isinstance(second, Coulomb)):
             return None

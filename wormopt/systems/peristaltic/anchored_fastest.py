@@ -243,10 +243,7 @@ class _Program:
         self.lower = np.where(np.isin(np.arange(len(self.upper)), self.x), -self.upper, 0.0)
 
     def _add_ceiling(self) -> None:
-        """Add the bound of the mode program for each phase, which speeds up branch and bound.
-
-        Head and tail may be exchanged if time may run backward.
-        """
+        """Add the bound of the mode program for each phase, which speeds up branch and bound."""
         bound, rate = self._limits.ceiling, self._limits.rate
         speed = bound.speed / self._unit * (1 + _ROUNDING)
         for weights in (bound.weights, bound.weights[::-1])[: 2 if rate[0] == rate[1] else 1]:

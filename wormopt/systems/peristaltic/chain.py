@@ -374,10 +374,7 @@ def peristaltic_worm(body: Body, ground: Ground, anchoring: Anchoring = "mid") -
 
 
 def with_works(model: Model, nominal: float) -> Model:
-    """Add states ``coil_work`` and so on, in J, that integrate the powers of `POWERS`.
-
-    `nominal`: usual size of a work, by which solvers scale.
-    """
+    """Add states ``coil_work`` and so on, in J, that integrate the powers of `POWERS`."""
     names = [f"{name}_work" for name in POWERS]
     states = [Signal(name, ca.SX.sym(name), "energy", nominal, value=0.0) for name in names]
     powers = [model[f"{name}_power"] for name in POWERS]

@@ -401,10 +401,7 @@ class _Lagrangian:
 
 
 def stationary(motion: Motion, aim: DragAim) -> Stationary:
-    """Solve the equations near a gait away from the limits of the lengths.
-
-    Raises SolveError if there is no solution nearby.
-    """
+    """Solve the equations near a gait away from the limits of the lengths."""
     scaled = aim.scaled
     found = _Lagrangian(scaled)
     lengths, rates = _samples(motion, aim, np.arange(_SAMPLES) / _SAMPLES)

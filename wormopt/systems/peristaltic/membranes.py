@@ -100,10 +100,7 @@ def limit_of_inflation(neo_hookean: float = 1.0) -> Inflated | None:
 
 
 def inflated(loading: float, neo_hookean: float = 1.0) -> Inflated:
-    """Return the equilibrium at a pressure over G h / R, on the branch from the unstressed state.
-
-    Raises ArgumentError if the loading is below 0 or above its limit.
-    """
+    """Return the equilibrium at a pressure over G h / R on the branch from the unstressed state."""
     limit = limit_of_inflation(neo_hookean)
     widest, most = limit.hoop if limit else WIDEST, largest_loading(neo_hookean)
     if not 0 <= loading <= most:
@@ -192,8 +189,7 @@ def balloon(
     """Return the equilibrium of a membrane of length over radius `slenderness`.
 
     Give `loading`, kappa, or `volume`, over the unstressed one; `pull` is the force that pulls the
-    rings apart over 2 pi R G h. Raises ArgumentError if both or neither are given, or if the
-    pressure leaves the wall without tension; SolveError if no equilibrium is found.
+    rings apart over 2 pi R G h.
     """
     if (loading is None) == (volume is None):
         raise ArgumentError("give either loading or volume of a membrane, not both")
@@ -293,8 +289,7 @@ class Fibres:
     def angle_at(self, pressure: float, load: float = 0.0) -> float:
         """Return the equilibrium angle, in rad, under a pressure (Pa) and a load (N) on the ends.
 
-        The segment shares its fluid; the membrane is bonded to the fibres. Raises ArgumentError if
-        the angle is 0 or a right angle to machine accuracy.
+        The segment shares its fluid; the membrane is bonded to the fibres.
         """
 
         def surplus(angle: float) -> float:

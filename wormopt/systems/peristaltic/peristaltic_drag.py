@@ -247,10 +247,6 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
         """Find the best gait."""
         return {"gait": self.found[0]}
 
-    @property
-    def defect(self) -> float:
-        return self.mesh.tolerance
-
     @stage
     def second_route(self) -> tuple[Stationary | None, str]:
         """The gait by its Euler-Lagrange equations, and the method or why there is none."""

@@ -9,15 +9,12 @@ phases with free durations is a second route to the times.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Literal, Protocol
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.model import Model, Output, Signal
 from wormopt.model.modes import ModeSequence
 from wormopt.ocp.contact import FixedModes
 from wormopt.ocp.mesh import Mesh
@@ -26,10 +23,8 @@ from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 from wormopt.ocp.optimise import Optimum, optimise, refine
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.progress import Report, silent
-from wormopt.systems.peristaltic.drag import centres, drift
-
-Aim = Literal["speed", "thrift"]
-"""Objective: displacement per time, or per time that coils are on, summed over all coils."""
+from wormopt.systems.peristaltic.drag import centres
+from wormopt.systems.peristaltic.switched import Limits, Objective, SwitchedWorm
 
 _POINTS = 16
 # Multiple of the longest time constant over which points are even in the remaining change.
@@ -38,152 +33,9 @@ _SOLVER = Ipopt(tolerance=1e-12, iterations=150, mu_init=1e-2)
 _VIOLATED, _PENALTY = 1e-8, 100.0
 # Share of the period below which an arc counts as empty.
 _NOTHING = 1e-7
-# Number of time constants after which a length has reached its target, to round-off.
-_RELAXED = 37.0
 
 OFF, ON, ANCHORED = 0, 1, 2
 """States of a segment: coil off; coil on; coil on with rest on the wall."""
-
-
-class Ground(Protocol):
-    """Motion of a worm on the ground by its lengths."""
-
-    @property
-    def contact(self) -> float | None:
-        """Length at which a segment with its coil on rests on the wall, until it goes off."""
-        ...
-
-    def holds(self, anchored: np.ndarray) -> np.ndarray:
-        """Return whether the worm may move with these segments anchored, (arcs, N) to (arcs,)."""
-        ...
-
-    def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
-        """Return the velocity of the mean of all centres."""
-        ...
-
-
-@dataclass(frozen=True)
-class Drag:
-    """Ground with drag (l / L)^exponent times velocity on each segment."""
-
-    exponent: float
-    contact: None = field(default=None, init=False)
-
-    def holds(self, anchored: np.ndarray) -> np.ndarray:
-        """True: drag needs no anchored segment."""
-        return np.ones(len(anchored), dtype=bool)
-
-    def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
-        """Return the velocity at which all drags sum to zero."""
-        return drift((lengths / lengths[0]) ** self.exponent, rates)
-
-
-@dataclass(frozen=True)
-class Tube:
-    """A tube whose wall anchors segments as short as `contact`."""
-
-    contact: float
-
-    def holds(self, anchored: np.ndarray) -> np.ndarray:
-        """Return whether anchors exist and none between them moves, since else some would slip."""
-        begins = np.diff(anchored, axis=1, prepend=0) > 0
-        return begins.sum(axis=1) == 1
-
-    def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
-        """Return the velocity at which the anchored segments rest."""
-        swing = ca.mtimes(ca.DM(centres(rates.numel())), rates)
-        return -ca.dot(anchored, swing) / ca.sum1(anchored)
-
-
-@dataclass(frozen=True)
-class SwitchedWorm:
-    """Segments in their coils, on some ground; ArgumentError for values that are not positive."""
-
-    segments: int
-    on: float  # length to which a segment relaxes while its coil is on
-    off: float  # length to which it relaxes while its coil is off
-    tau_on: float  # time constants
-    tau_off: float
-    ground: Ground
-
-    def __post_init__(self) -> None:
-        if self.segments < 2 or not min(self.on, self.off, self.tau_on, self.tau_off) > 0:
-            raise ArgumentError("give two or more segments, positive lengths and time constants")
-        if self.ground.contact is not None and not self.on < self.ground.contact < self.off:
-            raise ArgumentError("segments must touch the wall at a length between on and off")
-
-    def rates(self, lengths: ca.SX, coils: ca.SX, anchored: ca.SX) -> ca.SX:
-        """Return rates of the lengths; coils between off (0) and on (1) interpolate."""
-        return (1 - anchored) * (
-            coils * (self.on - lengths) / self.tau_on
-            + (1 - coils) * (self.off - lengths) / self.tau_off
-        )
-
-    @property
-    def time(self) -> float:
-        """Usual time: the sum of both time constants."""
-        return self.tau_on + self.tau_off
-
-    @property
-    def speed(self) -> float:
-        """Usual speed: the stroke of a segment in that time."""
-        return abs(self.on - self.off) / self.time
-
-    @cached_property
-    def model(self) -> Model:
-        """States ``length`` and ``position``; inputs ``coil``, in a tube ``anchored``, 0 or 1."""
-        n, contact = self.segments, self.ground.contact
-        lengths, x, u = ca.SX.sym("length", n), ca.SX.sym("position"), ca.SX.sym("coil", n)
-        rest = ca.SX.zeros(n) if contact is None else ca.SX.sym("anchored", n)
-        rates = self.rates(lengths, u, rest)
-        speed = self.ground.velocity(lengths, rates, rest)
-        size = max(self.on, self.off)
-        inputs = [Signal("coil", u, "share", 1.0, 0.0, 1.0, value=0.0)]
-        if contact is not None:
-            inputs.append(Signal("anchored", rest, "share", 1.0, 0.0, 1.0, value=0.0))
-        return Model(
-            f"worm of {n} segments in coils",
-            x=[
-                Signal(
-                    "length",
-                    lengths,
-                    "length",
-                    size,
-                    -np.inf if contact is None else contact,
-                    value=self.off,
-                ),
-                Signal("position", x, "length", size, value=0.0),
-            ],
-            ode=ca.vertcat(rates, speed),
-            u=inputs,
-            outputs=[
-                Output("speed", speed, "speed"),
-                Output("rate", rates, "speed"),
-                Output("resting", rest, "share"),
-            ],
-        )
-
-
-@dataclass(frozen=True)
-class SwitchLimits:
-    """Limits of the switching times."""
-
-    period: tuple[float, float]  # shortest and longest
-    duty: float = 1.0  # largest share of the period that a coil is on
-    dwell: float = 0.0  # shortest time on, and off
-    together: int | None = None  # largest number of coils on at a time
-    speed: float | None = None  # least mean speed
-
-    def that_count(self, worm: SwitchedWorm) -> SwitchLimits:
-        """Return limits without periods longer than a worm can use.
-
-        If all arcs last until all lengths rest, and as long as coils must dwell, longer periods add
-        no displacement. A far longest period would make programs badly scaled.
-        """
-        arcs = 3 * worm.segments if worm.ground.contact is not None else 2 * worm.segments
-        arc = max(_RELAXED * max(worm.tau_on, worm.tau_off), self.dwell)
-        least, most = self.period
-        return replace(self, period=(least, min(most, max(least, arcs * arc / self.duty))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,18 +80,20 @@ class SwitchingProgram:
     Each coil goes on once and off once per period.
     """
 
-    def __init__(self, worm: SwitchedWorm, arcs: int, aim: Aim) -> None:
-        self._arcs, self._worm = arcs, worm
+    def __init__(self, worm: SwitchedWorm, arcs: int, objective: Objective) -> None:
+        self._arcs, self._worm, self._objective = arcs, worm, objective
         n = worm.segments
         d, coils = ca.SX.sym("duration", arcs), ca.SX.sym("coil", n, arcs)
         rest = ca.SX.sym("anchored", n, arcs)
         start, shortest, displacement = _course(worm, d, coils, rest)
         period, on = ca.sum1(d), ca.mtimes(coils, d)
-        worth = displacement / (period if aim == "speed" else ca.sum1(on))
+        worth = displacement / (period if objective.maximise else ca.sum1(on))
         times = ca.vertcat(period, on, period - on) / worm.time
         rows = ca.vertcat(times, on / period, displacement / period / worm.speed)
         if worm.ground.contact is not None:
-            rows = ca.vertcat(rows, (shortest - worm.ground.contact) / (worm.off - worm.on))
+            rows = ca.vertcat(
+                rows, (shortest - worm.ground.contact) / (worm.length_off - worm.length_on)
+            )
         given = [d, ca.veccat(coils, rest)]
         self._course = ca.Function("course", given, [start, displacement, worth, rows])
         w, p = ca.MX.sym("w", arcs), ca.MX.sym("p", 2 * n * arcs)
@@ -253,12 +107,12 @@ class SwitchingProgram:
             order, durations, np.asarray(start).ravel(), float(displacement), float(worth)
         )
 
-    def allowed(self, order: np.ndarray, limits: SwitchLimits) -> np.ndarray:
+    def allowed(self, order: np.ndarray, limits: Limits) -> np.ndarray:
         """Return which arcs of an order may last, (arcs,)."""
         few = (order != OFF).sum(axis=1) <= (limits.together or self._worm.segments)
         return few & self._worm.ground.holds((order == ANCHORED).astype(int))
 
-    def best(self, order: np.ndarray, first: np.ndarray, limits: SwitchLimits) -> Switched | None:
+    def best(self, order: np.ndarray, first: np.ndarray, limits: Limits) -> Switched | None:
         """Return the best durations of an order (arcs, N) from `first` (arcs,), or None.
 
         A duration may become 0: coils are then switched at the same time.
@@ -272,16 +126,17 @@ class SwitchingProgram:
             return None
         return self.at(order, solution.w[: len(order)] * self._worm.time)
 
-    def promise(self, order: np.ndarray, durations: np.ndarray, limits: SwitchLimits) -> float:
+    def promise(self, order: np.ndarray, durations: np.ndarray, limits: Limits) -> float:
         """Return the value of given durations, less their violations, over the usual speed."""
         bounds = self._bounds(order, limits)
         first = self._nlp.start(self._filled(durations / self._worm.time), bounds)
         return -first.objective - _PENALTY * first.violation
 
-    def _bounds(self, order: np.ndarray, limits: SwitchLimits) -> Bounds:
+    def _bounds(self, order: np.ndarray, limits: Limits) -> Bounds:
         n, unit = self._worm.segments, self._worm.time
         least, most = np.array(limits.period) / unit
-        slowest = -np.inf if limits.speed is None else limits.speed / self._worm.speed
+        slowest = self._objective.speed
+        slowest = -np.inf if slowest is None else slowest / self._worm.speed
         lower = [[least], np.full(2 * n, limits.dwell / unit), np.zeros(n), [slowest]]
         upper = [np.full(2 * n + 1, most), np.full(n, limits.duty), [np.inf]]
         if self._worm.ground.contact is not None:
@@ -309,9 +164,9 @@ def _course(worm: SwitchedWorm, d: ca.SX, coils: ca.SX, rest: ca.SX) -> tuple[ca
     """Return lengths (N, 1) that return after all arcs, those at switch-off, displacement."""
     n, arcs = coils.shape
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
-    slow = _SLOWER * max(worm.tau_on, worm.tau_off)
-    target = worm.off + (worm.on - worm.off) * coils
-    pace = (1 - rest) / (worm.tau_off + (worm.tau_on - worm.tau_off) * coils)
+    slow = _SLOWER * max(worm.time_on, worm.tau_off)
+    target = worm.length_off + (worm.length_on - worm.length_off) * coils
+    pace = (1 - rest) / (worm.tau_off + (worm.time_on - worm.tau_off) * coils)
     offset, whole = ca.SX.zeros(n), ca.SX.zeros(n)
     for i in range(arcs):
         left = -d[i] * pace[:, i]
@@ -346,22 +201,22 @@ class Walk:
 
 
 def walk(worm: SwitchedWorm, coils: np.ndarray, durations: np.ndarray, lengths: np.ndarray) -> Walk:
-    """Simulate a worm from its lengths (N,) by coils (arcs, N); contacts are found on the way.
-
-    Raises ArgumentError without a wall.
-    """
+    """Simulate a worm from its lengths (N,) by coils (arcs, N); contacts are found on the way."""
     contact = worm.ground.contact
     if contact is None:
         raise ArgumentError("only a worm in a tube walks from anchor to anchor; give a Tube")
     displacement = slip = loose = 0.0
     places, held = centres(worm.segments), np.zeros(worm.segments, dtype=bool)
     for on, duration in zip(coils != OFF, durations, strict=True):
-        target, tau = np.where(on, worm.on, worm.off), np.where(on, worm.tau_on, worm.tau_off)
+        target, tau = (
+            np.where(on, worm.length_on, worm.length_off),
+            np.where(on, worm.time_on, worm.tau_off),
+        )
         left = float(duration)
         while left > 0:
             rest = on & (lengths <= contact)
-            ratio = np.maximum((lengths - worm.on) / (contact - worm.on), 1.0)
-            until = np.where(on & ~rest, worm.tau_on * np.log(ratio), np.inf)
+            ratio = np.maximum((lengths - worm.length_on) / (contact - worm.length_on), 1.0)
+            until = np.where(on & ~rest, worm.time_on * np.log(ratio), np.inf)
             step = min(left, float(until.min()))
             after = np.where(rest, lengths, target + (lengths - target) * np.exp(-step / tau))
             after[until <= step] = contact
@@ -381,12 +236,9 @@ _ROUNDS = 4
 
 
 def switching_problem(
-    worm: SwitchedWorm, aim: Aim, limits: SwitchLimits, holding: np.ndarray
+    worm: SwitchedWorm, objective: Objective, limits: Limits, holding: np.ndarray
 ) -> Problem:
-    """Return the problem: largest displacement per time, or per time that coils are on.
-
-    `holding`: the segments that touch the wall.
-    """
+    """Return the problem: largest displacement per time, or per time that coils are on."""
     model = worm.model
     n, contact = worm.segments, worm.ground.contact
     ends = Ends.of(model, n + len(holding))
@@ -399,8 +251,7 @@ def switching_problem(
         Constraint("limits.dwell", on, limits.dwell, nominal=worm.time),
         Constraint("limits.dwell", ends.duration - on, limits.dwell, nominal=worm.time),
     ]
-    if limits.speed is not None:
-        slowest = limits.speed
+    if (slowest := objective.speed) is not None:
         bounds.append(
             Constraint("objective.speed", displacement / ends.duration, slowest, nominal=slowest)
         )
@@ -413,8 +264,8 @@ def switching_problem(
     return Problem(
         model,
         ends,
-        -displacement / (ends.duration if aim == "speed" else ca.sum1(on)) / worm.speed,
-        limits.period,
+        -displacement / (ends.duration if objective.maximise else ca.sum1(on)) / worm.speed,
+        limits.period_range,
         periodic=["length"],
         integrands=integrands,
         boundary_constraints=bounds,
@@ -423,23 +274,20 @@ def switching_problem(
 
 def polish(
     worm: SwitchedWorm,
-    aim: Aim,
-    limits: SwitchLimits,
+    objective: Objective,
+    limits: Limits,
     found: Switched,
     mesh: Mesh,
     tolerance: float,
     report: Report = silent,
 ) -> Optimum:
-    """Optimise the times of an order again, from those found; `mesh` is that of one phase.
-
-    Raises SolveError if this fails.
-    """
+    """Optimise the times of an order again, from those found; `mesh` is that of one phase."""
     order, durations = found.lasting
     given = _inputs(worm, order)
     active = tuple(tuple((2 * state - 1).tolist()) for state in given)
     phases = Mesh.even(len(order), mesh.total, mesh.collocation)
     best = optimise(
-        switching_problem(worm, aim, limits, np.flatnonzero((order == ANCHORED).any(axis=0))),
+        switching_problem(worm, objective, limits, np.flatnonzero((order == ANCHORED).any(axis=0))),
         phases,
         FixedModes(ModeSequence(((),) * len(order)), active),
         guess_of(worm, order, durations, found.start),
@@ -454,8 +302,8 @@ def guess_of(
 ) -> Guess:
     """Return the lengths of a switched motion over its arcs, without its displacement."""
     breaks = np.concatenate([[0.0], np.cumsum(durations)])
-    targets = np.where(order != OFF, worm.on, worm.off)
-    taus = np.where(order != OFF, worm.tau_on, worm.tau_off)
+    targets = np.where(order != OFF, worm.length_on, worm.length_off)
+    taus = np.where(order != OFF, worm.time_on, worm.tau_off)
     taus = np.where(order == ANCHORED, np.inf, taus)
     inputs = _inputs(worm, order)
     begins = [start]

@@ -9,22 +9,20 @@ order in which these are exchanged.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.progress import Report, silent
+from wormopt.systems.peristaltic.switched import Limits, Objective, SwitchedWorm
 from wormopt.systems.peristaltic.switching import (
     ANCHORED,
     OFF,
     ON,
-    Aim,
     Switched,
-    SwitchedWorm,
     SwitchingProgram,
-    SwitchLimits,
 )
 
 Ring = tuple[int, ...]
@@ -57,23 +55,20 @@ class Search:
 
 def search(
     worm: SwitchedWorm,
-    aim: Aim,
-    limits: SwitchLimits,
+    objective: Objective,
+    limits: Limits,
     *,
     starts: int = 8,
     seed: int = 0,
     report: Report = silent,
 ) -> Search:
-    """Find the best order and times of switching, of a long worm from `starts` initial orders.
-
-    Raises SolveError if no order moves forward within the limits.
-    """
+    """Find the best order and times of switching, of a long worm from `starts` initial orders."""
     n = worm.segments
     touching = worm.ground.contact is not None
-    program = SwitchingProgram(worm, 3 * n if touching else 2 * n, aim)
+    program = SwitchingProgram(worm, 3 * n if touching else 2 * n, objective)
     complete = n <= MOST_TRIED and not touching
     if complete:
-        even = np.full(2 * n, np.clip(_LONG * worm.time, *limits.period) / (2 * n))
+        even = np.full(2 * n, np.clip(_LONG * worm.time, *limits.period_range) / (2 * n))
         firsts = [(ring, even) for ring in all_rings(n)]
     else:
         noise = np.random.default_rng(seed)
@@ -87,23 +82,25 @@ def search(
         ring: best for ring, best in found.items() if best is not None and best.displacement > 0
     }
     if not reached:
-        raise _nowhere(worm, limits, starts, seed)
+        raise _nowhere(worm, objective.speed, limits, starts, seed)
     ring = max(reached, key=lambda ring: reached[ring].worth)
     return Search(reached[ring], ring, len(found), complete)
 
 
-def _nowhere(worm: SwitchedWorm, limits: SwitchLimits, starts: int, seed: int) -> SolveError:
+def _nowhere(
+    worm: SwitchedWorm, speed: float | None, limits: Limits, starts: int, seed: int
+) -> SolveError:
     """Return why no order was found, and the highest speed of the worm."""
-    if limits.speed is None:
+    if speed is None:
         return SolveError(
             "no order of switching moves forward within the limits",
             "write a longer limits.period, a larger limits.duty or limits.together, or a smaller "
             "limits.dwell",
             code="infeasible",
         )
-    free = search(worm, "speed", replace(limits, speed=None), starts=starts, seed=seed)
+    free = search(worm, Objective(maximise="speed"), limits, starts=starts, seed=seed)
     return SolveError(
-        f"no switching within the limits has a mean speed of {limits.speed:g}",
+        f"no switching within the limits has a mean speed of {speed:g}",
         f"write a lower objective.speed; the fastest switching has {free.best.worth:.6g}",
         code="infeasible",
     )
@@ -114,7 +111,7 @@ def _climb(
     segments: int,
     ring: Ring,
     first: np.ndarray,
-    limits: SwitchLimits,
+    limits: Limits,
     found: dict[Ring, Switched | None],
 ) -> None:
     """Solve an order, and continue with its neighbours while the objective improves."""
@@ -167,7 +164,7 @@ def _promising(
     program: SwitchingProgram,
     segments: int,
     tried: Iterable[First],
-    limits: SwitchLimits,
+    limits: Limits,
     starts: int,
 ) -> list[First]:
     """Return the most promising initial orders, each with its best durations."""
@@ -180,9 +177,9 @@ def _promising(
     return [(ring, promises[ring][1]) for ring in ranked[:starts]]
 
 
-def _waves(worm: SwitchedWorm, limits: SwitchLimits, noise: np.random.Generator) -> Iterator[First]:
+def _waves(worm: SwitchedWorm, limits: Limits, noise: np.random.Generator) -> Iterator[First]:
     """Yield waves of all lengths, and random times."""
-    n, period = worm.segments, float(np.clip(_LONG * worm.time, *limits.period))
+    n, period = worm.segments, float(np.clip(_LONG * worm.time, *limits.period_range))
     half_steps = np.arange(1, 2 * n) / (2 * n)  # turns from coil to coil, either way
     on = [np.arange(n) * step for step in half_steps for _ in _DUTIES]
     off = [phases + duty for phases, duty in zip(on, _DUTIES * len(half_steps), strict=True)]
@@ -197,9 +194,7 @@ def _ordered(events: np.ndarray, turns: np.ndarray, period: float) -> First:
     return tuple(events[places].tolist()), period * np.diff(at[places], append=1.0)
 
 
-def _footsteps(
-    worm: SwitchedWorm, limits: SwitchLimits, noise: np.random.Generator
-) -> Iterator[First]:
+def _footsteps(worm: SwitchedWorm, limits: Limits, noise: np.random.Generator) -> Iterator[First]:
     """Yield sequences of anchored segments, in any order, with equal durations."""
     n = worm.segments
     drawn = [
@@ -208,7 +203,7 @@ def _footsteps(
     ]
     for steps in [*combinations(range(n), 2), tuple(range(n)), *drawn]:
         for length in _LENGTHS:
-            period = float(np.clip(length * worm.time, *limits.period))
+            period = float(np.clip(length * worm.time, *limits.period_range))
             yield _walk(worm, steps, period, noise)
 
 
@@ -243,6 +238,6 @@ def _time_off(worm: SwitchedWorm, flight: float) -> float:
     contact = worm.ground.contact
     assert contact is not None
     times = worm.tau_off * np.geomspace(1e-4, 20, 400)
-    top = worm.off - (worm.off - contact) * np.exp(-times / worm.tau_off)
-    falls = worm.tau_on * np.log((top - worm.on) / (contact - worm.on))
+    top = worm.length_off - (worm.length_off - contact) * np.exp(-times / worm.tau_off)
+    falls = worm.time_on * np.log((top - worm.length_on) / (contact - worm.length_on))
     return float(np.interp(flight, times + falls, times))

@@ -72,10 +72,7 @@ def crawl(result: Result) -> Figure:
 
 
 def _course(result: Result, traced: str) -> Page:
-    """Plot the body at equal times, older ones fainter, resting masses filled, and a trace.
-
-    Both axes have the same scale.
-    """
+    """Plot the body at equal times, older ones fainter, resting masses filled, and a trace."""
     (left, right), (low, high) = _reach(result)
     share, count = (high - low) / (right - left), len(result["x"].values)
     tall = float(np.clip(6.0 * share + 1.3, 2.4, 7.0))

@@ -414,10 +414,7 @@ class PlanarMotion(Study, kind="planar-motion"):
     # -- the model ---------------------------------------------------------------------------------
 
     def model(self, *, stiffer: float = 1.0) -> Model:
-        """Return the worm with its actuators; obstacles may be `stiffer` by a factor.
-
-        Raises SceneError if a mass starts in an obstacle.
-        """
+        """Return the worm with its actuators; obstacles may be `stiffer` by a factor."""
         worm, start, drive = self.worm, self.start, self.actuation
         ground = self.ground
         grounds = ground if isinstance(ground, tuple) else (ground,) * (worm.links + 1)

@@ -96,10 +96,7 @@ def _quarter(alpha: float, rho: float) -> tuple[np.ndarray, np.ndarray]:
 def _slow(
     alpha: float, rho: float, psi: np.ndarray, weights: np.ndarray, *, unit: bool
 ) -> tuple[float, float]:
-    """Return shortfalls 1 - J0 and y = 1 - w of the recoil w on dry ground, over alpha^2.
-
-    Both are of size 1 for any amplitude, as are the values they are computed from.
-    """
+    """Return shortfalls 1 - J0 and y = 1 - w of the recoil w on dry ground, over alpha^2."""
     c, s = np.cos(psi), np.sin(psi) / alpha
     bent = 2 * (np.sin(psi / 2) / alpha) ** 2  # (1 - c) / alpha^2
 

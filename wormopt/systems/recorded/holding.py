@@ -10,10 +10,7 @@ from wormopt.result import Result
 
 
 def holding(result: Result) -> Figure:
-    """Draw the force of the ground on resting masses, and what is left until one slips.
-
-    Needs ``time``, ``held``, ``band_time``, ``band_load`` and ``band_error``.
-    """
+    """Draw the force of the ground on resting masses, and what is left until one slips."""
     page = Page(result, 4.6, 4.6)
     above, below = page.rows(3, 2)
     for i, row in enumerate(page["held"]):

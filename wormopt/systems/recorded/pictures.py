@@ -322,10 +322,7 @@ def regions(result: Result) -> Figure:
 
 
 def forces(result: Result) -> Figure:
-    """Draw recorded actuator forces, their fit and the residuals of the first run.
-
-    Needs ``reading_time``, ``reading_run``, ``read_force`` and ``fitted_force``.
-    """
+    """Draw recorded actuator forces, their fit and the residuals of the first run."""
     page = Page(result, 4.4, 4.4)
     above, below = page.rows(2, 1)
     first = np.flatnonzero(page["reading_run"] == page["reading_run"][0])[:_MOST]
@@ -348,11 +345,7 @@ def forces(result: Result) -> Figure:
 
 
 def loads(result: Result) -> Figure:
-    """Draw the load of a resting spike over a cycle: estimated, worst case, and on the plant.
-
-    Needs ``band_time``, ``band_load``, ``band_error``. With a plant, it also needs ``plant_time``
-    and the like, and shows the gait that assumes exact estimates.
-    """
+    """Draw the load of a resting spike over a cycle: estimated, worst case, and on the plant."""
     limit = result.scalars["spike_load_limit"].value if "spike_load_limit" in result else None
     alike = [limit] if isinstance(limit, float) else []
     tall = 1.9 * len(alike)

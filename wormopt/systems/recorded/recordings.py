@@ -234,10 +234,7 @@ class RecordingFile(Given):
     def faults_in(
         self, folder: Path, units: str, declared: Mapping[str, tuple[str, tuple[str, ...], str]]
     ) -> Iterator[Fault]:
-        """Yield faults of units in a scene with `units`, and of a text file in its folder.
-
-        `declared`: quantities first, of signals that are known without their model.
-        """
+        """Yield faults of units in a scene with `units`, and of a text file in its folder."""
         quantities = {name: quantity for name, (quantity, *_) in declared.items()}
         for column, unit in self.units.items():
             quantity = self._quantity(column, quantities)

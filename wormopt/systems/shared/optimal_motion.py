@@ -21,6 +21,7 @@ from wormopt.study import (
     value,
     warnings,
 )
+from wormopt.study.numerics import MeshTable
 
 with on_use():
     import casadi as ca
@@ -130,8 +131,9 @@ class OptimalMotion(Study):
 
     @property
     def defect(self) -> float:
-        """Requested local error of an arc."""
-        return 1e-9
+        """Requested local error of an arc: that of the kind's mesh, if it has one."""
+        mesh: MeshTable | None = getattr(self, "mesh", None)
+        return mesh.tolerance if mesh else 1e-9
 
     @property
     def treatment(self) -> Treatment:

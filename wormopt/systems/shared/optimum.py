@@ -153,10 +153,7 @@ class Sampled:
 
 
 def sample_motion(motion: Motion, expressions: Mapping[str, ca.SX]) -> Sampled:
-    """Sample expressions over a motion, without arcs of zero duration.
-
-    `expressions` are columns of the problem's symbols.
-    """
+    """Sample expressions over a motion, without arcs of zero duration."""
     lasting = np.flatnonzero(motion.arcs.duration > _NOTHING * motion.duration)
     count = max(_PER_ARC, -(-_SAMPLES // len(lasting)) + 1)
     places = np.linspace(0, 1, count)
@@ -212,10 +209,7 @@ def input_sizes(motion: Motion) -> tuple[float | None, float | None]:
 
 
 def statistics(optimum: Optimum) -> dict[str, Any]:
-    """Statistics of the nonlinear program: sizes, status, violation, iterations and seconds.
-
-    Seconds are those of building, of solving and of each function.
-    """
+    """Statistics of the nonlinear program: sizes, status, violation, iterations and seconds."""
     solution = optimum.solution
     return {
         "status": solution.status,

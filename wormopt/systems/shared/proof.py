@@ -184,10 +184,7 @@ def _as_far_as_it_goes(
     until: float | None,
     tolerance: Tolerance,
 ) -> tuple[Trajectory, bool]:
-    """Simulate by a second method until some time, the end if None; also whether it got there.
-
-    Raises SolveError.
-    """
+    """Simulate by a second method until some time, the end if None; also whether it got there."""
     most = _MORE_STEPS * tolerance.max_steps
     if route in ("python", "radau"):
         most = max(_SPENT_IN_PYTHON, 2 * motion.n_steps if route == "python" else 0)

@@ -23,10 +23,7 @@ _MEMORY = 5e8
 
 
 def chain_expressions(model: Model) -> dict[str, ca.SX]:
-    """Expressions of a chain's signals, by the names of `CHAIN_SIGNALS`.
-
-    Without ``contact_force`` if nothing touches the ground.
-    """
+    """Expressions of a chain's signals, by the names of `CHAIN_SIGNALS`."""
     found = {
         "position": model["position"],
         "velocity": model["velocity"],

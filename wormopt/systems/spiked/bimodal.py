@@ -335,10 +335,7 @@ class Arc:
 
 
 def cut_piece(worm: DrivenWorm, piece: int) -> Iterator[Arc]:
-    """Cut a piece where the resting mass changes and where sigma changes its sign.
-
-    Arcs are in order of time and together cover the piece.
-    """
+    """Cut a piece where the resting mass changes and where sigma changes its sign."""
     end, shortest = worm.duration(piece), 1e-13 * worm.gait.period
     samples = _samples(lambda s: worm.velocities(piece, s), 0.0, end)
     for a, b, resting in _resting(worm, piece, samples):

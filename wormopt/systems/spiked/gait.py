@@ -227,10 +227,7 @@ class GaitMotion(Study, kind="gait"):
 
 
 def mapped(table: MapRange, motion: Crawl) -> dict[str, np.ndarray]:
-    """Map the periods and loads at which kinematics determines a gait.
-
-    Raises SolveError where velocities jump.
-    """
+    """Map the periods and loads at which kinematics determines a gait."""
     drive, region = motion.drive, Region(motion.drive)
     if motion.corners:
         raise SolveError(

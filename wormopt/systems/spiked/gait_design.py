@@ -406,10 +406,7 @@ def _has_weights(worm: Worm) -> bool:
 def scalars_of(
     known: Sequence[Sensitivity], worm: Worm, objective: str, units: str
 ) -> dict[str, Scalar]:
-    """Scalars ``sensitivity.KEY``; lists where a key has one number per link or mass.
-
-    `objective` is the quantity of the objective.
-    """
+    """Scalars ``sensitivity.KEY``; lists where a key has one number per link or mass."""
     values: dict[str, Any] = {}
     quantities: dict[str, str] = {}
     for limit in known:

@@ -207,10 +207,7 @@ def motion_variables(motion: Crawl) -> dict[str, np.ndarray]:
 
 
 def cross_check(motion: Crawl) -> BimodalMotion:
-    """Integrate eq. 7 for the same gait by an independent, event-located integrator.
-
-    Raises SolveError if it finds no periodic motion.
-    """
+    """Integrate eq. 7 for the same gait by an independent, event-located integrator."""
     drive = motion.drive
     return integrate(motion.gait, drive.mass.tolist(), drive.drag, drive.load)
 

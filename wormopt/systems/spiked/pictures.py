@@ -135,11 +135,7 @@ def motion(result: Result) -> Figure:
 
 
 def spikes(result: Result) -> Figure:
-    """Draw spike loads, lambda and sigma of eq. 7, and actuator forces over a cycle with limits.
-
-    Needs ``time``, ``resting``, ``reaction``, ``reaction_mean``, ``sigma`` and
-    ``actuator_force``. Impulses, where velocities jump, are marked above.
-    """
+    """Draw spike loads, lambda and sigma of eq. 7, and actuator forces over a cycle with limits."""
     page = Page(result, 5.8, 5.2)
     loads, mean, forces = page.rows(3, 2, 2.5)
     masses = len(page["reaction"])
@@ -231,11 +227,7 @@ def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> 
 
 
 def region(result: Result) -> Figure:
-    """Draw the largest spike load by period and load, and where the worm glides or spikes break.
-
-    Needs ``region_period``, ``region_load``, ``region_spike_load`` and ``region_least_load``;
-    ``region_most_load`` if the strength of a spike is known. A cross marks the gait itself.
-    """
+    """Draw the largest spike load by period and load, and where the worm glides or spikes break."""
     page = Page(result, 4.6, 3.9)
     panel, period, load = page.panel(), page["region_period"], page["region_load"]
     least, peaks = page["region_least_load"], page["region_spike_load"]
@@ -302,10 +294,7 @@ def certificate(result: Result) -> Figure:
 
 
 def front(result: Result) -> Figure:
-    """Draw speed and cost of all points; neighbours with one resting sequence are joined.
-
-    Needs ``front_speed``, ``front_value`` and ``front_accepted``; ``front_order`` marks jumps.
-    """
+    """Draw speed and cost of all points; neighbours with one resting sequence are joined."""
     page = Page(result, 5.2)
     panel, x, y = page.panel(), page["front_speed"], page["front_value"]
     accepted = page["front_accepted"] > 0

@@ -73,6 +73,8 @@ class Region:
         period = self.drive.gait.period
         short = 2 * inertia * period / (drag + math.sqrt(drag**2 + 4 * inertia * load))
         long = period * math.sqrt(inertia / load) if load else 1e9 * short
+        if drag == 0:
+            return long
 
         def left_over(exponent: float) -> float:
             return load - self.least_load(math.exp(exponent))

@@ -487,10 +487,7 @@ def as_csv(result: Result) -> str | None:
 
 
 def as_c(result: Result) -> str | None:
-    """Text of ``steps.c``; None without steps.
-
-    Also None if the result failed, so that no motor runs with it.
-    """
+    """Text of ``steps.c``; None without steps, or if the result failed: no motor runs with it."""
     steps = _trusted(result)
     return None if steps is None else c_text(steps, result.scalars["tick"].value)
 

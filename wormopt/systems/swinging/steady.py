@@ -171,10 +171,7 @@ class Orbit:
 
 
 def measured(model: Model) -> Model:
-    """Append the states ``impulse`` (of the contacts) and ``work`` (of the actuators).
-
-    The model needs contacts and the output ``power``.
-    """
+    """Append the states ``impulse`` (of the contacts) and ``work`` (of the actuators)."""
     impulse, work = ca.SX.sym("impulse", len(model.contacts)), ca.SX.sym("work")
     size = model.x[-1].nominal
     return replace(
@@ -216,8 +213,7 @@ class Runner:
     def orbit(self, guess: float, *, recheck: Recheck = True) -> Orbit:
         """Find the periodic motion near a velocity of the centre.
 
-        `recheck`: as of `cross_check`. Raises SolveError if a simulation fails, or the motion is
-        not periodic.
+        `recheck`: as of `cross_check`.
         """
         start, trials = self._start(guess)
         samples = 400 * _PERIODS + 1

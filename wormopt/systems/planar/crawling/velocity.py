@@ -123,10 +123,7 @@ def held(body: LeastPower, x: np.ndarray, rest: np.ndarray, *, careful: bool = T
 
 
 def _from_lines(body: LeastPower, N: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return least power (G, n) in the directions N (G, n, n), its velocities, and a flag.
-
-    In a single direction, and where Newton's steps end at a kink, bisection is used.
-    """
+    """Return least power (G, n) in the directions N (G, n, n), its velocities, and a flag."""
     z, v, found = body.sharp(np.zeros(body.load.shape))
     ways = np.abs(N).max(axis=1) > 0
     one = np.flatnonzero(~found & (ways.sum(axis=1) == 1))

@@ -303,10 +303,7 @@ def chance_corners(aim: PlanarAim, random: np.random.Generator) -> np.ndarray:
 
 
 def first_corners(aim: PlanarAim, seed: int, k: int) -> np.ndarray:
-    """Return corners (k, n_s) of start k: first a wave of lengths, if it moves forward.
-
-    Further starts are random, from a seed.
-    """
+    """Return corners (k, n_s) of start k: first a wave of lengths, if it moves forward."""
     lengths = np.char.startswith(np.array(aim.shape.names), "length")
     ahead = aim.purpose == "speed" and isinstance(aim.ground, Dry) and aim.start is None
     if k == 0 and ahead and lengths.sum() > 1 and aim.corners > lengths.sum():

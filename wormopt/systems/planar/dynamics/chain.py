@@ -185,10 +185,7 @@ def _named(laws: Sequence[Ground | None]) -> Iterator[tuple[str, int, list[int],
 def press(
     obstacles: Sequence[Wall | Disc], places: ca.SX, velocities: ca.SX, force: float, speed: float
 ) -> tuple[list[Contact], ca.SX]:
-    """Return contacts of points with obstacles, and their forces (2, points).
-
-    `places` and `velocities` (2, points) are in the plane.
-    """
+    """Return contacts of points with obstacles, and their forces (2, points)."""
     contacts, forces = [], ca.SX.zeros(2, places.size2())
     for k, obstacle in enumerate(obstacles):
         if not isinstance(obstacle, Wall | Disc):

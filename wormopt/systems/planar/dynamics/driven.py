@@ -347,7 +347,6 @@ def stop_of(
     """Return the stop of a block that starts with a velocity other than 0 under a constant pull.
 
     `velocity` and `pull` are components along its heading, which is constant, and to its left.
-    SolveError if the pull exceeds friction, so that it does not stop.
     """
     f, speed = pull, math.hypot(*velocity)
     square = 2 if isinstance(law, Elliptic) else 1

@@ -26,8 +26,7 @@ def swing(plant: Model, period: float, courses: dict[str, Harmonics]) -> Model:
     """Replace inputs of a plant, by name, by harmonics of time; the phase is 0 at time 0.
 
     Outputs have the names of the inputs. Parameters are the `period` and the mean and coefficients,
-    ``<input>_mean``, ``<input>_cosine``, ``<input>_sine``. ArgumentError if an input does not exist
-    or has another size.
+    ``<input>_mean``, ``<input>_cosine``, ``<input>_sine``.
     """
     known = {signal.name: signal for signal in plant.u}
     T = Signal("period", ca.SX.sym("period"), "time", value=float(period))
@@ -59,10 +58,7 @@ def _course(name: str, unit: str, course: Harmonics, phase: ca.SX) -> tuple[ca.S
 
 
 def measure_works(model: Model, nominal: float) -> Model:
-    """Add states ``<name>_work`` that integrate the outputs ``<name>_power``.
-
-    Their usual size is `nominal`.
-    """
+    """Add states ``<name>_work`` that integrate the outputs ``<name>_power``."""
     powers = [o for o in model.outputs if o.name.endswith(_POWER)]
     states = [
         Signal(o.name.removesuffix(_POWER) + "_work", ca.SX.sym("work"), "energy", nominal,

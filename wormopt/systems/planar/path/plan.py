@@ -498,10 +498,7 @@ def _planned(
 def _fitting(
     task: PathTask, library: Library, fits: list[Fitted], route: Route, accuracy: float
 ) -> list[tuple[list[GaitStep], float]] | None:
-    """Return steps of a route that end in the goal without contact, and their room.
-
-    Amplitudes of least cost are tried first. Empty if all touch, None if no amplitudes reach it.
-    """
+    """Return steps of a route that end in the goal without contact, and their room."""
     if not route.steps:
         return None
     own = [fits[library.owners[k]] for k in route.steps]

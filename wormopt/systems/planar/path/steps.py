@@ -110,10 +110,7 @@ def swept(
     looks: int = 8,
     motion: Any = None,
 ) -> GaitStep:
-    """Return a step from poses, at the highest speed that the largest rates allow.
-
-    Every panel has at least `looks` samples.
-    """
+    """Return a step from poses, at the highest speed that the largest rates allow."""
     tau, poses, way = _sampled(course, stroke, shape, looks)
     body = kinematics_at(shape, stroke.at(tau)[0]).points
     points = poses[:, None, :2] + rotate(poses[:, None, 2], body)
@@ -127,10 +124,7 @@ def swept(
 def _sampled(
     course: Travel, stroke: Stroke, shape: Shape, looks: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return phases and poses at ends of panels and nodes, and bounds of displacements between.
-
-    A bound is the time between two samples times a bound of the speeds of all masses.
-    """
+    """Return phases and poses at ends of panels and nodes, and bounds of displacements between."""
     panels = len(course.ends) - 1
     nodes = course.nodes.reshape(panels, -1)
     pick = slice(None, None, max(1, nodes.shape[1] // looks))
@@ -145,10 +139,7 @@ def _sampled(
 
 
 def _velocities(course: Travel, stroke: Stroke, shape: Shape) -> np.ndarray:
-    """Return velocities (m, n, 2) of the masses by the phase, in the frame of the body.
-
-    Their own headings turn, so a series in these converges no better.
-    """
+    """Return velocities (m, n, 2) of the masses by the phase, in the frame of the body."""
     s, ds = stroke.at(course.nodes)
     at = kinematics_at(shape, s)
     v = np.einsum("mrj,mj->mr", at.J, course.twists) + np.einsum("mrs,ms->mr", at.B, ds)

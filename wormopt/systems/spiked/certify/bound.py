@@ -70,10 +70,7 @@ def bounded(
     report: Report,
     known: Bounded | None = None,
 ) -> Bounded:
-    """Bound every gait of a task, until no gait can be better than `value` by the wanted gap.
-
-    `known` is the result of `at_once`, if available.
-    """
+    """Bound every gait of a task, until no gait can be better than `value` by the wanted gap."""
     begun, found, history = time.perf_counter(), None, list(known.history if known else ())
     until, cost = begun + wanted.time_limit, task.objective.minimise
     course = (

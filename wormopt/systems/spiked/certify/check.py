@@ -213,10 +213,7 @@ def _limits(p: Data, rest: Sequence[int], corners: Sequence[Sequence[Fraction]])
 
 
 def _pushes(p: Data, h: Data, face: Sequence[int], rest: Sequence[int]) -> list[Push]:
-    """Accelerations whose convex hull contains the admissible ones on a face, at its corners.
-
-    They are given as rates of the face's coordinates, and of each y over v.
-    """
+    """Accelerations whose convex hull contains the admissible ones on a face, at its corners."""
     size = len(p["masses"])
     moving = [i for i in range(size) if i not in rest]
     corners = [[h["mesh_unit"] * x for x in h["vertices"][i]] for i in face]
@@ -300,13 +297,14 @@ def _check_face(
                 parts[e].append(sum(k * rate[q] * up[a] for q, k, a in below))
             parts[e].append(sum(k * ends[q] for q, k, _ in below))
         for rows, most in whole:
-            found = [{e: sum(map(mul, row, part)) for e, part in parts.items()} for row in rows]
+            corners = [{e: sum(map(mul, row, part)) for e, part in parts.items()} for row in rows]
+            found = corners[0]
             if len(rows) > 1:  # linear between the corners: the degree rises by one
-                found = [_mixed(found)]
+                found = _mixed(corners)
                 most *= degree + 2
-            worst = max(found[0], key=found[0].__getitem__)
+            worst = max(found, key=found.__getitem__)
             where = f"face {face}, cell {cell}, corner {corner}, coefficient {worst}"
-            need(found[0][worst] <= most, f"dW/dt + V exceeds the bound on {where}")
+            need(found[worst] <= most, f"dW/dt + V exceeds the bound on {where}")
     return len(whole) * len(high) * (2 * cells) ** links
 
 

@@ -408,10 +408,7 @@ def _canonical(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]
 
 
 def _in_fewer_phases(trier: Trier, trial: Trial) -> Trial:
-    """Omit phases and arcs of almost no duration, join equal arcs, and omit repetitions of a cycle.
-
-    Each change may lower the value by the unresolved share.
-    """
+    """Omit phases and arcs of almost no duration, join equal arcs, omit repeated cycles."""
     tie = _RESOLVED_DRAGGED if trier.task.worm.drag else _TIE
     for simplified in (_without_short_phases, _one_repetition, _in_fewer_arcs):
         simpler = simplified(trier, trial)
@@ -679,10 +676,7 @@ class _LongestLinks:
         self.second = BilinearProgram(rows, np.unique(own.h), gain, own.period_row, None, 1e-10)
 
     def best(self, widths: np.ndarray) -> tuple[Point, float, float] | None:
-        """Maximise the mean length from given durations of arcs.
-
-        Returns the point, its mean length, and the violation of limits.
-        """
+        """Maximise the mean length from given durations of arcs."""
         x = np.zeros(len(self.second.upper))
         x[self.own.h] = widths
         self.second.lower[self.own.h] = np.minimum(widths, _SHORTEST * widths.sum())

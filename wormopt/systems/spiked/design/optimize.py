@@ -160,8 +160,7 @@ def without_tick(task: GaitProblem) -> GaitProblem:
 def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) -> Design:
     """Solve a design again with cycles of whole ticks next to its own, and return the best.
 
-    `free` is the design of the task `without_tick`; its resting sequence is kept. Raises
-    SolveError if no cycle of whole ticks has a gait.
+    `free` is the design of the task `without_tick`; its resting sequence is kept.
     """
     begin, limits = perf_counter(), task.limits
     periods = [limits.whole_ticks(count) for count in limits.ticks_of(free.period)]
@@ -235,10 +234,7 @@ def _nothing(task: GaitProblem, settings: Search, survey: Survey, report: Report
 def _conflict(
     task: GaitProblem, sequences: Sequence[Sequence_], report: Report, seconds: float = np.inf
 ) -> SolveError:
-    """Find the limits in conflict and their smallest relaxation; returns an error to raise.
-
-    Typical `sequences` are tried; no new trial begins after `seconds`.
-    """
+    """Find the limits in conflict and their smallest relaxation; returns an error to raise."""
     until, orders = monotonic() + seconds, _typical(sequences)
 
     def least(keys: Sequence[str], given: Mapping[str, float]) -> float:

@@ -53,7 +53,6 @@ def smoothest(
     """Refine the best trials, minimise the smooth cost from them, and take the best gait.
 
     Parameters are those of `sharpest`. Costs of the gaits are finally compared in closed form.
-    Raises SolveError if no motion is found.
     """
     known = has_cost_columns(task)  # otherwise the trials maximise the speed
     trials, ended, error = list(survey.trials), survey.ended, np.nan

@@ -259,10 +259,7 @@ def _loads(drive: Drive) -> slice:
 
 
 def _slopes(drive: Drive, stretch: Stretch, burden: Burden) -> np.ndarray:
-    """Derivatives (parameters, forces, m) of forces by `Believed.numbers`, while masses rest.
-
-    A grip is left over by a resting mass's load: its slopes are those of the load minus the grip.
-    """
+    """Derivatives (parameters, forces, m) of forces by `Believed.numbers`, while masses rest."""
     masses, resting = len(drive.mass), list(stretch.resting)
     s = _instants(stretch)
     v, a = drive.kinematic(stretch.piece, stretch.leader, s)

@@ -226,10 +226,7 @@ class GaitRows:
     def _force(
         self, form: Form, at: slice | np.ndarray, k: int
     ) -> tuple[list[Term], list[Product]]:
-        """Coefficient k of h times a form on some arcs: linear terms, and products for the drag.
-
-        The degree of accelerations is lower by one; with drag it is raised to that of velocities.
-        """
+        """Coefficient k of h times a form on some arcs: linear terms, and products for the drag."""
         v, h, degree = self.v[at], self.h[at], self.degree
         dragged = np.flatnonzero(form.beta * self.limits.drag)
         raised = len(dragged) > 0

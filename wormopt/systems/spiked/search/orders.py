@@ -340,10 +340,7 @@ def _shorten(levels: list[float], lengths: list[float], by: float) -> None:
 def _offer_of(
     chain: _Chain, resting: int, sets: list[tuple[int, ...]] | None
 ) -> Callable[[np.ndarray], tuple[np.ndarray, list[tuple[int, ...]]]]:
-    """Make a function from `_Chain.gains` to the largest sums and their resting sets.
-
-    `sets` are those that may rest; None: the best of all.
-    """
+    """Make a function from `_Chain.gains` to the largest sums and their resting sets."""
     if sets is None:
         return lambda gains: _best_sets(gains, resting)
     last = chain.masses + 1

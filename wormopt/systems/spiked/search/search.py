@@ -112,10 +112,7 @@ class Race:
         self._workers.close()
 
     def announce(self, stage: str, fraction: float) -> str:
-        """Report the next stage with the best cost so far; return the stage.
-
-        `fraction` is the share of the search that is done.
-        """
+        """Report the next stage with the best cost so far; return the stage."""
         best = f", best so far {self.ranking[0].cost:.6g}" if self._records else ""
         self.report(stage + best, fraction)
         return stage
@@ -217,10 +214,7 @@ class Race:
                     self.others.append(lower)
 
     def promote(self, level: int, most: int) -> None:
-        """Try up to `most` orders close to the best of their level with more arcs.
-
-        `level` is the number of halvings of the arcs.
-        """
+        """Try up to `most` orders close to the best of their level with more arcs."""
         while most > 0:
             close = [t for t in self.ranking if t.level == level]
             close = [t for t in close if t.value >= self._close(level)][: min(4, most)]
@@ -621,10 +615,7 @@ def _hopeful(race: Race) -> float:
 
 
 def _niches(race: Race, width: int) -> list[tuple[int, _Parent]]:
-    """The best orders, by direction of travel and rank, the best of each niche first.
-
-    Orders of a niche have the same minimal resting sets, number of phases and number of cycles.
-    """
+    """The best orders, by direction of travel and rank, the best of each niche first."""
     masses = race.task.worm.links + 1
     found = dict[Sequence_, _Parent]()
     for place, trial in enumerate(race.ranking):

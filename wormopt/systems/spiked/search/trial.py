@@ -128,10 +128,7 @@ class Trier:
     def near(
         self, sequence: Sequence_, durations: np.ndarray, cycles: int, enough: float = -np.inf
     ) -> Trial | None:
-        """Climb from durations near those of a gait whose `cycles` cycles fill a period.
-
-        The climb is given up below `enough`.
-        """
+        """Climb from durations near those of a gait whose `cycles` cycles fill a period."""
         total = float(durations.sum())
         period = self._cycle(cycles, total)
         durations = durations * (np.clip(total, *period) / total)

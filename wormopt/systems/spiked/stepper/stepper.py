@@ -151,10 +151,7 @@ class Demand:
         return self.period >= self.period_min * (1 - _ACCEPTED)
 
     def refuse(self, stepper: Stepper) -> None:
-        """Raise SolveError if the motors cannot follow the gait.
-
-        The message names the limit, the link, the time and the smallest period.
-        """
+        """Raise SolveError if the motors cannot follow the gait."""
         if self.feasible:
             return
         limit = self.strictest

@@ -88,10 +88,7 @@ class Steps:
 
     @property
     def intervals_min(self) -> np.ndarray:
-        """Shortest time between two steps of each motor, shape (n,), infinite without steps.
-
-        Steps repeat every period: the first follows the last.
-        """
+        """Shortest time between two steps of each motor, shape (n,), infinite without steps."""
         shortest = np.full(self.links, np.inf)
         for j in range(self.links):
             time, _ = self.of_motor(j)
@@ -297,8 +294,7 @@ def read_csv(text: str) -> Steps:
 def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
     """Convert to ticks: the period, and each motor's delays (its steps + 1,) over the period.
 
-    Delays are differences of rounded times, so errors do not add up. Raises ArgumentError if two
-    steps of a motor are on one tick, or if the period is too long for 32 bits.
+    Delays are differences of rounded times, so errors do not add up.
     """
     whole = round(steps.period / tick)
     if whole > _LARGEST:
@@ -322,10 +318,7 @@ def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
 
 
 def c_text(steps: Steps, tick: float) -> str:
-    """Write steps as C99 source, one translation unit with delays and directions of every motor.
-
-    `tick` is in s. Raises ArgumentError as `in_ticks`.
-    """
+    """Write steps as C99 source, one translation unit with delays and directions of every motor."""
     whole, delays = in_ticks(steps, tick)
     parts = [
         "/* Steps of one period, for a timer.\n"
