@@ -272,7 +272,9 @@ def test_functions_of_many_places_are_the_same_in_vectors(count: int):
         u=[Signal("push", u, value=0.0)],
         ode=ca.vertcat(v, u),
     )
-    pushed = Schedule("common", ca.SX.sym("c"), ca.SX.sym("b"), np.array([0, 0.3, 1]), [[1.0], [2]])
+    pushed = Schedule(
+        "common", ca.SX.sym("c"), ca.SX.sym("b"), np.array([0, 0.3, 1]), np.array([[1.0], [2.0]])
+    )
     start = np.append(np.linspace(-3, 3, 2 * count), np.ones(2 * count))
     steps, plain = (
         MoreauJean(model, inputs=inputs).march(1.0, start, schedule=pushed, step=0.01).states[:, -1]
