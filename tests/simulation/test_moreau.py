@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.model.friction import Coulomb, Spike
 from wormopt.model.model import Contact, Model, Output, Signal, pack
+from wormopt.model.schedule import Schedule
+from wormopt.numerics.expressions import AtPlaces
 from wormopt.simulation.moreau import MoreauJean, StepRecord
 from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.rod_model import channel_rod, straight
@@ -255,3 +257,27 @@ def test_the_user_may_stop_it():
     with pytest.raises(Interrupted) as caught:
         BLOCK.march(100.0, np.zeros(4), step=1e-3, report=stop)
     assert 0 < caught.value.partial.time[-1] < 100.0
+
+
+@pytest.mark.parametrize("count", [3, 8, 21])  # the last eight places overlap those before
+def test_functions_of_many_places_are_the_same_in_vectors(count: int):
+    place, common, weight = ca.SX.sym("place", 2), ca.SX.sym("common"), ca.SX.sym("weight")
+    found = weight * ca.vertcat(ca.sin(place[0]) * place[1] + common, place[1] ** 2)
+    weights = np.linspace(1.0, 2.0, count)
+    at = AtPlaces(ca.Function("one", [place, common, weight], [found]), weights)
+    q, v, u = (ca.SX.sym(name, 2 * count) for name in "qvu")
+    model = Model(
+        "places",
+        x=[Signal("place", q, value=0.0), Signal("rate", v, value=0.0)],
+        u=[Signal("push", u, value=0.0)],
+        ode=ca.vertcat(v, u),
+    )
+    pushed = Schedule(
+        "common", ca.SX.sym("c"), ca.SX.sym("b"), np.array([0, 0.3, 1]), np.array([[1.0], [2.0]])
+    )
+    start = np.append(np.linspace(-3, 3, 2 * count), np.ones(2 * count))
+    steps, plain = (
+        MoreauJean(model, inputs=inputs).march(1.0, start, schedule=pushed, step=0.01).states[:, -1]
+        for inputs in (at, at.function)
+    )
+    assert steps == pytest.approx(plain, rel=1e-12)

@@ -37,20 +37,30 @@ def compass(
     steps: Mapping[str, float],
     bounds: Mapping[str, tuple[float, float]],
     rounds: int,
+    again: Callable[[Point], Look] | None = None,
 ) -> list[Look]:
     """Search for the largest value; returns the centres, from the start to the best.
 
-    `look` evaluates several points at once, which may be computed in parallel.
+    `look` evaluates several points at once, which may be computed in parallel. The largest of
+    several uncertain values is large by chance in part: `again` evaluates a point anew before it
+    becomes the centre.
     """
-    centres, seen = list(look([dict(start)])), {_key(start)}
+
+    def anew(one: Look) -> Look:
+        return again(one.point) if again else one
+
+    def gains(one: Look) -> bool:
+        return one.value - one.error > centres[-1].value + centres[-1].error
+
+    centres, seen = [*map(anew, look([dict(start)]))], {_key(start)}
     sizes = dict(steps)
     for _ in range(rounds):
         around = [p for p in _around(centres[-1].point, sizes, bounds) if _key(p) not in seen]
         seen.update(map(_key, around))
-        found = look(around) if around else []
-        best = max(found, key=lambda one: one.value, default=None)
-        now = centres[-1]
-        if best is not None and best.value - best.error > now.value + now.error:
+        found = filter(gains, look(around) if around else [])
+        found = sorted(found, key=lambda one: one.value, reverse=True)
+        best = next(filter(gains, map(anew, found)), None)
+        if best is not None:
             centres.append(best)
         else:
             sizes = {name: size / 2 for name, size in sizes.items()}

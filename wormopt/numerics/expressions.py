@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -413,6 +414,30 @@ _EXACT = frozenset(
         *(ca.OP_IF_ELSE_ZERO, ca.OP_TWICE, ca.OP_COPYSIGN),
     )
 )
+
+
+@dataclass(frozen=True, eq=False)
+class AtPlaces:
+    """One function of many places side by side, which compiled code evaluates in vectors.
+
+    `one` maps the coordinates of a place, a column common to all places, and the weight of the
+    place to a column.
+    """
+
+    one: ca.Function
+    weights: np.ndarray  # (places,)
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """Function of all coordinates, the first one of every place first, and of the column.
+
+        Its results are in the same order.
+        """
+        count, size = len(self.weights), self.one.size1_in(0)
+        q, common = ca.MX.sym("q", size * count), ca.MX.sym("common", self.one.size1_in(1))
+        places = ca.reshape(q, count, size).T
+        found = self.one.map(count)(places, ca.repmat(common, 1, count), ca.DM(self.weights).T)
+        return ca.Function("at_places", [q, common], [ca.vec(found.T)])
 
 
 class Call:

@@ -20,7 +20,7 @@ D. M. Young, Iterative Solution of Large Linear Systems (1971), 6.2 for the fact
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -34,9 +34,10 @@ from wormopt.model.model import Contact, Model, pack
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.numerics.expressions import Call, identically_zero
+from wormopt.numerics.expressions import AtPlaces, Call, identically_zero
 from wormopt.progress import Report, silent
-from wormopt.simulation.native.build import repeated
+from wormopt.simulation.native.build import CompilerError, folded
+from wormopt.simulation.native.marcher import Marcher
 
 # Sweeps for each contact of a chain: errors decrease by 2 pi / (n + 1) in each.
 _SWEEPS = 4
@@ -310,7 +311,7 @@ class MoreauJean:
         normal force, or neither.
     integrals : sequence of str, optional
         Outputs to integrate over time.
-    inputs : casadi.Function, optional
+    inputs : casadi.Function or AtPlaces, optional
         From the places and a column of scheduled values to the model's inputs, which are 0 without
         it. Unlike an expression in the model it is not unrolled, and loops stay loops.
 
@@ -336,7 +337,7 @@ class MoreauJean:
 
     model: Model
     integrals: Sequence[str] = ()
-    inputs: ca.Function | None = None
+    inputs: ca.Function | AtPlaces | None = None
 
     _impulses: Impulses = field(init=False, repr=False)
 
@@ -395,18 +396,13 @@ class MoreauJean:
         sizes = np.diff(times) / _STRIDE
         scheduled = self._scheduled(schedule, times)
         columns = [np.append(x0, np.zeros(self._impulses.n_gathered))[:, None]]
-        last, span = len(sizes), Call(self._span)
+        last, strides = len(sizes), self._strides
         for first in range(0, last, _SPAN):
             part = slice(first, min(first + _SPAN, last))
             try:
                 report("stepping", first / last)
-                if last - first < _SPAN:
-                    span = Call(self._stride.mapaccum("march", last - first))
-                count = part.stop - first
-                constants = scheduled[:, part].ravel(order="F"), np.tile(numbers, count)
                 with interruptible():
-                    (found,) = span(columns[-1][:, -1], *constants, sizes[part])
-                found = found.reshape(-1, count, order="F").copy()
+                    found = strides(columns[-1][:, -1], scheduled[:, part], numbers, sizes[part])
             except KeyboardInterrupt:
                 raise Interrupted(self._steps(times, columns)) from None
             columns.append(found)
@@ -462,8 +458,12 @@ class MoreauJean:
         return schedule.values[schedule.locate(middle)[1]].T
 
     @cached_property
-    def _span(self) -> ca.Function:
-        return self._stride.mapaccum("march", _SPAN)
+    def _strides(self) -> Callable[..., np.ndarray]:
+        """Columns after each stride: of the first column, scheduled values, parameters, sizes."""
+        try:
+            return Marcher(self._impulses.kick, self.inputs, _STRIDE)
+        except CompilerError:
+            return self._interpreted
 
     def _steps(self, times: np.ndarray, columns: list[np.ndarray]) -> StepRecord:
         found = np.hstack(columns)
@@ -482,10 +482,21 @@ class MoreauJean:
             n_steps=(count - 1) * _STRIDE,
         )
 
+    def _interpreted(
+        self, start: np.ndarray, scheduled: np.ndarray, numbers: np.ndarray, sizes: np.ndarray
+    ) -> np.ndarray:
+        """`_strides` without a compiler."""
+        count = len(sizes)
+        call = self._span if count == _SPAN else self._spanning(count)
+        (found,) = call(start, scheduled.ravel(order="F"), np.tile(numbers, count), sizes)
+        return found.reshape(-1, count, order="F").copy()
+
     @cached_property
-    def _stride(self) -> ca.Function:
-        """A few steps: of state and accumulated values, scheduled values, parameters, step size."""
-        return repeated(self._step, _STRIDE)
+    def _span(self) -> Call:
+        return self._spanning(_SPAN)
+
+    def _spanning(self, count: int) -> Call:
+        return Call(folded(self._step, _STRIDE).mapaccum("march", count))
 
     @property
     def _step(self) -> ca.Function:
@@ -497,14 +508,22 @@ class MoreauJean:
         ]
         q, v, gathered = x[:half], x[half:n_x], x[n_x:]
         middle = q + h / 2 * v
-        u = ca.DM.zeros(u.numel()) if self.inputs is None else self.inputs(middle, c)
+        if self.inputs is None:
+            u = ca.DM.zeros(u.numel())
+        elif isinstance(self.inputs, AtPlaces):
+            u = self.inputs.function(middle[: self.inputs.function.size1_in(0)], c)
+        else:
+            u = self.inputs(middle, c)
         after, more = impulses.kick(middle, v, u, p, h)
         found = ca.vertcat(middle + h / 2 * after, after, gathered + more)
         return ca.Function("step", given, [found], [*"xcph"], ["found"])
 
     @property
     def _n_scheduled(self) -> int:
-        return 0 if self.inputs is None else int(self.inputs.size1_in(1))
+        if self.inputs is None:
+            return 0
+        one = self.inputs.one if isinstance(self.inputs, AtPlaces) else self.inputs
+        return int(one.size1_in(1))
 
 
 def _looks(schedule: Schedule | None, end: float, longest: float) -> np.ndarray:

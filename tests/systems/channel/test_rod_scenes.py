@@ -219,6 +219,22 @@ def test_compass_finds_the_top_of_a_hill_and_stays_in_bounds():
     assert all(b.value > a.value for a, b in pairwise(found))
 
 
+def test_compass_looks_again_before_it_moves():
+    """Every look but the first is too good; a new look at one of them is not."""
+    told = iter([0.0, *range(1, 9)])
+
+    def look(points: Any) -> list[Look]:
+        return [Look(p, next(told), 0.0) for p in points]
+
+    def again(point: Any) -> Look:
+        return Look(point, float(point["a"] > 0), 0.0)
+
+    bounds = {"a": (-9.0, 9.0), "b": (-9.0, 9.0)}
+    found = compass(look, {"a": 0.0, "b": 0.0}, {"a": 1.0, "b": 1.0}, bounds, 1, again)
+    assert [one.point for one in found] == [{"a": 0.0, "b": 0.0}, {"a": 1.0, "b": 0.0}]
+    assert found[-1].value == 1.0
+
+
 def test_compass_seldom_takes_noise_for_a_gain():
     """Looks with 95 % intervals that are right: fewer than one search in twenty moves at all."""
     moved = 0
@@ -459,13 +475,37 @@ def test_a_best_velocity_that_hangs_on_the_mesh_fails(monkeypatch: Any):
 
     def find(cases: Any, store: Any, report: Any, text: str) -> list[RodPoint]:
         found = plain(cases, store, report, text)
-        return [replace(p, velocity=0.5 * p.velocity) for p in found] if "fine" in text else found
+        if text == "best frequency again":
+            found[1:] = [replace(point, velocity=0.5 * point.velocity) for point in found[1:]]
+        return found
 
     result = response(monkeypatch, find, "5,50,100")
     assert result.status == "failed"
     assert "changes by 0.06 m/s on a finer mesh" in result.reason
     fine, half = "mean velocity on a finer mesh", "mean velocity with half the step"
     assert failed_checks(result) == [fine, half]
+
+
+def test_motions_that_are_chosen_for_their_velocity_are_simulated_further(monkeypatch: Any):
+    """Short motions at 50 switches a second are fast by chance, those with a shift more so."""
+    plain = points(CURVE)
+
+    def lucky(one: RodMotion) -> float:
+        short = one.time.settle < 0.3 and (one.mesh.elements, one.mesh.step) == (16, None)
+        return -0.04 * (short and one.switching.frequency == 50) * (2 if one.switching.shift else 1)
+
+    def find(cases: Any, *others: Any) -> list[RodPoint]:
+        found = plain(cases, *others)
+        return [
+            replace(p, velocity=p.velocity + lucky(c)) for c, p in zip(cases, found, strict=True)
+        ]
+
+    found = response(monkeypatch, find, "5,20,50", NO_SEARCH, "search.rounds=1")
+    assert found.status == "ok", found.reason
+    assert value(found, "frequency_best") == 50
+    assert value(found, "velocity_best") == pytest.approx(-0.1)
+    assert value(found, "pattern_shift") == 0
+    assert value(found, "pattern_gain") == pytest.approx(0.0568)  # at 64.2
 
 
 def test_a_best_velocity_that_is_hardly_known_fails(monkeypatch: Any):

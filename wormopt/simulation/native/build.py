@@ -167,23 +167,25 @@ def _compile(
 _LEVEL = "-O1"
 
 
-def compiled_function(function: ca.Function) -> ca.Function:
+def function_library(function: ca.Function) -> ctypes.CDLL:
     """Compile a function with everything it calls; CasADi must be able to write it as C."""
     generator = ca.CodeGenerator("function.c")
     generator.add(function)
-    found = library("function", [("function.c", generator.dump())], _LEVEL)
-    try:
-        return ca.external(function.name(), found._name)  # noqa: SLF001  where ctypes keeps the path
-    except RuntimeError as error:  # on Windows for some characters in the path
-        raise CompilerError(f"CasADi does not load {found._name}") from error  # noqa: SLF001
+    return library("function", [("function.c", generator.dump())], _LEVEL)
 
 
 def repeated(step: ca.Function, count: int) -> ca.Function:
     """Repeat a function of a state and constants; compiled if there is a compiler."""
+    function = folded(step, count)
+    try:
+        found = function_library(function)
+        return ca.external(function.name(), found._name)  # noqa: SLF001  where ctypes keeps the path
+    except (CompilerError, RuntimeError):  # on Windows CasADi refuses some characters in the path
+        return function
+
+
+def folded(step: ca.Function, count: int) -> ca.Function:
+    """Repeat a function of a state and constants, not compiled."""
     given = [ca.MX.sym(step.name_in(i), step.size1_in(i)) for i in range(step.n_in())]
     held = [ca.repmat(part, 1, count) for part in given[1:]]
-    function = ca.Function("stride", given, [step.fold(count)(given[0], *held)])
-    try:
-        return compiled_function(function)
-    except CompilerError:
-        return function
+    return ca.Function("stride", given, [step.fold(count)(given[0], *held)])

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from wormopt.numerics.expressions import instructions_of
+from wormopt.numerics.expressions import AtPlaces, instructions_of
 from wormopt.simulation.functions import System
 from wormopt.simulation.native.build import library, parts
 
@@ -89,6 +89,47 @@ def _lanes_library(text: str) -> ctypes.CDLL:
 
 def lanes_source(function: ca.Function) -> str | None:
     """C code of a function of (t, x, p, s), one line per instruction; None if impossible."""
+    lines = _instructions(function, [f"{name}[{{}}]" for name in "txps"], "dx[{}] = {}")
+    return None if lines is None else "\n".join([_HEAD, "{", *lines, "}", ""])
+
+
+def places_source(at: AtPlaces) -> str | None:
+    """C code of `at.function` in CasADi's form, eight places at a time; None if impossible."""
+    count = len(at.weights)
+    if count < LANES:
+        return None
+    try:
+        one = at.one.expand()
+    except RuntimeError:
+        return None
+    given = [f"NEXT(arg[0][{count} * {{}} + i])", "ALL(arg[1][{}])", "NEXT(weight[i])"]
+    lines = _instructions(one, given, f"NEXT(res[0][{count} * {{}} + i]) = {{}}")
+    if lines is None:
+        return None
+    return "\n".join([
+        '#include "vectors.h"',
+        '#pragma GCC optimize("fp-contract=fast")',
+        f"static const double weight[] = {{{', '.join(map(number, at.weights.tolist()))}}};",
+        f"int {at.function.name()}({ARGUMENTS})",
+        "{",
+        f"  for (int k = 0; k < {count}; k += LANES) {{",
+        f"    const int i = k < {count - LANES} ? k : {count - LANES};",
+        *lines,
+        "  }",
+        "  return 0;",
+        "}",
+        "",
+    ])  # fmt: skip
+
+
+def places_library(at: AtPlaces) -> ctypes.CDLL | None:
+    """`at.function` in vectors; None if impossible."""
+    text = places_source(at)
+    return None if text is None else _library(text)
+
+
+def _instructions(function: ca.Function, inputs: Sequence[str], output: str) -> list[str] | None:
+    """C code in vectors, one line per instruction, with formats of entries; None if impossible."""
     if not function.is_a("SXFunction") or function.n_instructions() > _LONGEST:
         return None
     lines, declared = [], set[int]()
@@ -96,10 +137,10 @@ def lanes_source(function: ca.Function) -> str | None:
         operation = function.instruction_id(k)
         given, result = function.instruction_input(k), function.instruction_output(k)
         if operation == ca.OP_OUTPUT:
-            lines.append(f"    dx[{result[1]}] = a{given[0]};")
+            lines.append(f"    {output.format(result[1], f'a{given[0]}')};")
             continue
         if operation == ca.OP_INPUT:
-            value = f"{'txps'[given[0]]}[{given[1]}]"
+            value = inputs[int(given[0])].format(given[1])
         elif operation == ca.OP_CONST:
             value = f"ALL({number(function.instruction_constant(k))})"
         elif operation in OPERATIONS:
@@ -109,7 +150,7 @@ def lanes_source(function: ca.Function) -> str | None:
         kind = "" if result[0] in declared else "vec "
         declared.add(result[0])
         lines.append(f"    {kind}a{result[0]} = {value};")
-    return "\n".join([_HEAD, "{", *lines, "}", ""])
+    return lines
 
 
 def number(value: float) -> str:

@@ -182,7 +182,11 @@ class Best:
     """The highest velocity against the field."""
 
     frequency_best: float = value("rate", "frequency of the highest velocity against the field")
-    velocity_best: float = value("speed", "velocity at `frequency_best`")
+    velocity_best: float = value(
+        "speed",
+        "velocity at `frequency_best`, of a motion three times as long; its first third, by which "
+        "the frequency was chosen, does not count",
+    )
     velocity_best_error: float = value("speed", "half the width of its 95 % interval")
     standstill_frequencies: list[float] = value(
         "rate",
@@ -215,7 +219,8 @@ class BestPattern:
     pattern_shift: float = value("count", "`shift` of the best pattern")
     pattern_velocity: float = value(
         "speed",
-        "velocity of the best pattern; it counts as better only beyond the errors of both",
+        "velocity of the best pattern, like `velocity_best`; it counts as better only beyond the "
+        "errors of both",
     )
     pattern_velocity_error: float = value("speed", "half the width of its 95 % interval")
     pattern_gain: float | None = value(
@@ -361,7 +366,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
             return [], []
         first, pattern, motions = self.at(self.best_point.rate), self.switching, []
 
-        def look(points: Sequence[dict[str, float]]) -> list[Look]:
+        def look(points: Sequence[dict[str, float]], *, anew: bool = False) -> list[Look]:
             # rates are rounded, so that the same frequency is the same motion again
             several = [
                 first.varied(
@@ -369,7 +374,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
                 )
                 for point in points
             ]
-            found = self.simulate(several, "best pattern")
+            found = self.simulate([*map(_again, several)] if anew else several, "best pattern")
             motions.extend(found)
             return [
                 Look(point, -math.inf if one.reason else -one.velocity, one.error)
@@ -383,7 +388,10 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
             "duration": (1.5, min(5.0, pattern.every - 1.6)),
             "shift": (-0.6, 0.6),
         }
-        return compass(look, start, _STEPS, bounds, self.search.rounds), motions
+        centres = compass(
+            look, start, _STEPS, bounds, self.search.rounds, lambda one: look([one], anew=True)[0]
+        )
+        return centres, motions
 
     @stage
     def sensitivities(self) -> Changes | None:
@@ -400,22 +408,23 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
         return _changes(own, np.array([[factor for factor, _ in row] for row in todo]), points)
 
     @stage
-    def repetitions(self) -> dict[str, RodPoint]:
-        """The best motion on another mesh, and with another step."""
+    def repetitions(self) -> list[RodPoint]:
+        """The best motion again, then on a finer mesh and with half the step."""
         best = self.at(self.best_point.rate)
-        others = {
-            "on a finer mesh": best.finer(math.ceil(1.5 * self.mesh.elements)),
-            "with half the step": best.finer(),
-        }
-        points = self.simulate(list(others.values()), "again, more finely")
-        return dict(zip(others, points, strict=True))
+        finer = best.finer(math.ceil(1.5 * self.mesh.elements))
+        return self.simulate([_again(best), finer, best.finer()], "best frequency again")
+
+    @property
+    def best_again(self) -> RodPoint:
+        """The motion of `best_point`, without the chance by which it was chosen."""
+        return self.repetitions[0]
 
     @cached_property
     def all_points(self) -> list[RodPoint]:
         """All motions."""
         found = [*self.curve, *self.near_best, *self.pattern_search[1]]
         found += self.sensitivities.points if self.sensitivities else []
-        return [*found, *self.repetitions.values()]
+        return [*found, *self.repetitions]
 
     @cached_property
     def known_points(self) -> list[RodPoint]:
@@ -439,7 +448,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
 
     @parts(Best)
     def best(self) -> Best:
-        best, slow = self.best_point, _STILL * abs(self.best_point.velocity)
+        best, slow = self.best_again, _STILL * abs(self.best_again.velocity)
         return Best(
             frequency_best=best.rate,
             velocity_best=best.velocity,
@@ -535,19 +544,19 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
                 elif (check.value or 0.0) >= (fine.get(check.name, check).value or 0.0):
                     fine[check.name] = check
         yield from fine.values()
-        best, speed = self.best_point, self.field_speed_best
-        for what, point in self.repetitions.items():
-            if not point.reason:
-                yield from checks_of_change(best, point, speed, self.accepted, what)
+        best, *others = self.repetitions
+        for what, point in zip(("on a finer mesh", "with half the step"), others, strict=True):
+            if not best.reason and not point.reason:
+                yield from checks_of_change(best, point, self.field_speed_best, self.accepted, what)
 
     @facts
     def found(self) -> dict[str, Any]:
-        points, others = self.known_points, self.repetitions.values()
+        points, others = self.known_points, self.repetitions[1:]
         return {
             "energy_error": self.energy_error,
             "penetration_share": max(point.penetration for point in points),
             "field_error": max(point.field_error for point in points),
-            "recheck_velocity_change": change_of(self.best_point, others, self.field_speed_best),
+            "recheck_velocity_change": change_of(self.best_again, others, self.field_speed_best),
             "accepted": self.accepted,
             "motions": len(self.all_points),
             "assumptions": ASSUMED,
@@ -564,7 +573,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
             if rates:
                 listed = ", ".join(f"{rate:g}" for rate in rates) + " switches per second"
                 yield text.format(listed) + "; write a longer time.end"
-        if self.best_point.direction != -1:
+        if self.best_again.direction != -1:
             yield (
                 "the rod does not move against the field with certainty at any frequency, so "
                 "frequency_best is not the best frequency of crawling"
@@ -576,6 +585,15 @@ def _fastest(points: list[RodPoint]) -> RodPoint:
     """Return the fastest motion against the field."""
     known = [point for point in points if not point.reason]
     return min(known, key=lambda point: point.velocity)
+
+
+def _again(motion: RodMotion) -> RodMotion:
+    """Return a motion three times as long, whose mean leaves out the part by which it was chosen.
+
+    The fastest of irregular motions was fast by chance in part.
+    """
+    settle = max(motion.time.settle, 1 / 3)
+    return motion.varied(time={"end": 3 * motion.end, "settle": settle})
 
 
 def _rolloff(points: list[RodPoint]) -> float | None:

@@ -25,6 +25,7 @@ from wormopt.magnetics.material import MU0
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.schedule import Schedule
+from wormopt.numerics.expressions import AtPlaces
 from wormopt.systems.channel.rod import Rod
 
 WALLS = (("upper", 1.0), ("lower", -1.0))
@@ -253,11 +254,11 @@ def block_schedule(blocks: Blocks, pitch: float, strength: float) -> Schedule:
     )
 
 
-def block_load(rod: Rod, fields: Sequence[BlockField]) -> ca.Function:
-    """Return the forces along and across on the nodes of a rod, in N, as a CasADi function.
+def block_pull(rod: Rod, fields: Sequence[BlockField]) -> AtPlaces:
+    """Return the forces along and across on the nodes of a rod, in N.
 
-    Takes the nodes' places (x, y, angle) and the values of `block_schedule`; `fields` are those of
-    blocks with the numbers of coils that occur, in that order.
+    Their common column are the values of `block_schedule`; `fields` are those of blocks with the
+    numbers of coils that occur, in that order.
     """
     place, coils, weight = ca.MX.sym("place", 2), ca.MX.sym("coils", 4), ca.MX.sym("weight")
     seen = ca.vertcat(place[0] - coils[0], coils[1] * place[1])
@@ -267,11 +268,14 @@ def block_load(rod: Rod, fields: Sequence[BlockField]) -> ca.Function:
     else:
         slope = several[0](seen)
     force = coils[2] * weight * ca.vertcat(slope[0], coils[1] * slope[1])
-    one = ca.Function("pull", [place, coils, weight], [force])
-    q, n = ca.MX.sym("q", 3 * rod.count), rod.count
-    places = ca.horzcat(q[:n], q[n : 2 * n]).T
-    forces = one.map(n)(places, ca.repmat(coils, 1, n), ca.DM(rod.weights).T)
-    return ca.Function("load", [q, coils], [ca.vec(forces.T)])
+    return AtPlaces(ca.Function("pull", [place, coils, weight], [force]), rod.weights)
+
+
+def block_load(rod: Rod, fields: Sequence[BlockField]) -> ca.Function:
+    """Return the forces of `block_pull` from all places (x, y, angle) and the column."""
+    pull = block_pull(rod, fields).function
+    q, coils, n = ca.MX.sym("q", 3 * rod.count), ca.MX.sym("coils", 4), rod.count
+    return ca.Function("load", [q, coils], [pull(q[: 2 * n], coils)])
 
 
 def block_energy(rod: Rod, field: BlockField) -> ca.Function:

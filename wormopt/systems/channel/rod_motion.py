@@ -52,7 +52,7 @@ with on_use():
     )
     from wormopt.systems.channel.rod_model import (
         Blocks,
-        block_load,
+        block_pull,
         block_schedule,
         channel_rod,
         magnetic_strength,
@@ -511,4 +511,4 @@ def _stepper(
     rod = Rod(length, diameter, 1.0, 1.0, poisson_ratio=poisson_ratio, elements=elements,
               degree=degree, skin=skin)  # fmt: skip
     model = channel_rod(rod, channel, friction=1.0)
-    return MoreauJean(model, integrals=_POWERS, inputs=block_load(rod, fields))
+    return MoreauJean(model, integrals=_POWERS, inputs=block_pull(rod, fields))
