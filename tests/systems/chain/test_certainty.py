@@ -18,6 +18,16 @@ def test_shares_of_none_and_all_have_the_interval_of_the_closed_form(members: in
     np.testing.assert_allclose(share_interval(members, members), (least, 1), rtol=1e-10)
 
 
+@pytest.mark.parametrize(("count", "members"), [(1, 2), (7, 20), (99, 100)])
+def test_at_the_ends_of_an_interval_the_observed_share_is_as_rare_as_its_level_says(
+    count: int, members: int
+):
+    low, high = share_interval(count, members)
+    as_many = scipy.stats.binom.sf(count - 1, members, low)
+    as_few = scipy.stats.binom.cdf(count, members, high)
+    np.testing.assert_allclose([as_many, as_few], (1 - LEVEL) / 2, rtol=1e-10)
+
+
 def test_six_plants_are_the_fewest_that_bound_a_median():
     """All six lie on one side of the median with probability 2/64 < 5 %, five with 2/32."""
     assert median_interval(np.array([3.0, 1.0, 2.0, 6.0, 5.0, 4.0])) == (1.0, 6.0)

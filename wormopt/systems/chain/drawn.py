@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+from scipy.special import bdtr, betaincinv
 
 from wormopt.systems.shared.declared import JUDGED
 
@@ -35,15 +35,19 @@ _BANDS = ("time_outside_tube", "error_peak", "error_integral", "input_rms", "dis
 
 def share_interval(count: int, members: int) -> tuple[float, float]:
     """Clopper-Pearson interval of a share, from `count` of `members` observed."""
-    low, high = scipy.stats.binomtest(count, members).proportion_ci(LEVEL, method="exact")
+    tail = (1 - LEVEL) / 2
+    low = betaincinv(count, members - count + 1, tail) if count else 0.0
+    high = betaincinv(count + 1, members - count, 1 - tail) if count < members else 1.0
     return float(low), float(high)
 
 
 def median_interval(values: np.ndarray) -> tuple[float, float]:
     """Interval of the median between two of the values, by order statistics."""
-    known = np.where(np.isnan(values), np.inf, values)
-    found = scipy.stats.quantile_test(known, q=0, p=0.5).confidence_interval(LEVEL)
-    ends = np.array([found.low, found.high])
+    n = len(values)
+    # none below the least value or above the largest; unknown values rank above all
+    ranked = np.array([-np.inf, *np.sort(np.where(np.isnan(values), np.inf, values)), np.inf])
+    below = np.searchsorted(bdtr(np.arange(n + 1), n, 0.5), (1 - LEVEL) / 2)
+    ends = ranked[[below, n + 1 - below]]
     low, high = np.where(np.isinf(ends), np.nan, ends).tolist()
     return low, high
 

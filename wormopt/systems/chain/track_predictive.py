@@ -313,9 +313,11 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         The converged controller is left out: it takes ten times as long, and does not learn either.
         """
         names = [name for name in self.options if name != CONVERGED]
-        # those of one controller together, since each process makes the plan for itself
-        done = dict(each(self.on_all, names, self.report, "controllers on other plants"))
-        return {name: done[k] for k, name in enumerate(names)}
+        # those of one controller together, since each process makes the plan for itself; the
+        # longest first
+        todo = names[::-1]
+        done = dict(each(self.on_all, todo, self.report, "controllers on other plants"))
+        return {name: done[todo.index(name)] for name in names}
 
     def on_all(self, name: str) -> OnPlants:
         """All drawn plants under a controller."""

@@ -57,6 +57,7 @@ with on_use():
 
     from wormopt.control.lambda_tracker import Feedback
     from wormopt.model.friction import Coulomb
+    from wormopt.numerics.workers import Workers
     from wormopt.simulation.ensemble import simulate_ensemble
     from wormopt.simulation.native.build import compiler
     from wormopt.simulation.options import Tolerance, Treatment
@@ -323,17 +324,14 @@ class TrackerReadings(Study, kind="tracker-readings"):
             for k, reading in enumerate(listed):
                 if name == "filter" or reading.signs == listed[0].signs:
                     groups.setdefault(structure_of(reading, name), []).append(k)
+        work = partial(_courses, self.example, self.time.end, self.contact.options)
+        jobs = [(of, [listed[k] for k in members]) for of, members in groups.items()]
         found: dict[tuple[str, int], Course] = {}
-        for count, (structure, members) in enumerate(groups.items()):
-            self.report("simulating readings", count / len(groups))
-            several = _courses(
-                self.example,
-                structure,
-                [listed[k] for k in members],
-                self.time.end,
-                self.contact.options,
-            )
-            found |= zip(((structure.feedback, k) for k in members), several, strict=True)
+        with Workers() as workers:
+            made = zip(groups.items(), workers.map(work, jobs), strict=True)
+            for count, ((structure, members), several) in enumerate(made, 1):
+                found |= zip(((structure.feedback, k) for k in members), several, strict=True)
+                self.report("simulating readings", count / len(groups))
         alike = len(self.readings.signs)  # the key that varies fastest
         for k in range(len(listed)):
             found["derivative", k] = found["derivative", k - k % alike]
@@ -417,8 +415,10 @@ class TrackerReadings(Study, kind="tracker-readings"):
 
 
 def _courses(
-    example: Example, of: Structure, members: Sequence[Reading], end: float, contact: Treatment
-) -> Iterator[Course]:
+    example: Example, end: float, contact: Treatment, job: tuple[Structure, Sequence[Reading]]
+) -> list[Course]:
+    """Simulate readings of one structure."""
+    of, members = job
     loop = build(example, of)
     times = np.linspace(0.0, end, _SAMPLES)
     # Positive feedback of the error grows beyond bounds; implicit steps are not worth their cost.
@@ -433,9 +433,11 @@ def _courses(
         route=explicit if of.unstable else "auto",
     )
     masses, gain = example.links + 1, 2 * (example.links + 1)  # gains follow positions and rates
-    for reading, states in zip(members, herd.states, strict=True):
-        wanted = gait_of(example, reading)(times + example.shift)
-        yield Course(times, -np.diff(states[:masses], axis=0) - wanted, states[gain])
+    wanted = [gait_of(example, reading)(times + example.shift) for reading in members]
+    return [
+        Course(times, -np.diff(states[:masses], axis=0) - lengths, states[gain])
+        for lengths, states in zip(wanted, herd.states, strict=True)
+    ]
 
 
 def _judge(

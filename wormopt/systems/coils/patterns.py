@@ -19,6 +19,7 @@ import numpy as np
 from wormopt.errors import SolveError, interruptible
 from wormopt.magnetics.coils import CoilRow
 from wormopt.model.gait import Gait
+from wormopt.numerics.expressions import Call
 from wormopt.ocp.nlp import Ipopt
 from wormopt.systems.coils.film import FilmSetup, Float, Layer
 from wormopt.systems.coils.row_currents import TravellingTarget, fit_currents
@@ -228,9 +229,10 @@ def travel_by_radau(rides: Rides, pattern: Pattern) -> float:
     film, field = rides.model_by_terms(), rides.field
     x = ca.vertcat(*(one.symbol for one in film.x[:3]))
     scale = np.concatenate([np.full(one.size, one.nominal) for one in film.x[:3]])
-    given = [x, film.u[0].symbol]
-    ode = film.ode[: len(scale)]
-    rate, slopes = (ca.Function("f", given, [part]) for part in (ode, ca.jacobian(ode, x)))
+    given, ode = [x, film.u[0].symbol], film.ode[: len(scale)]
+    by_state = ca.jacobian(ode, x)
+    rate, slopes = (Call(ca.Function("f", given, [part])) for part in (ode, by_state.nz[:]))
+    rows, columns = by_state.row(), by_state.sparsity().colind()
     state = np.zeros(len(scale))
     state[-2] = rides.start
     pieces = (part.T for part in pattern.pieces(rides.row.count, rides.time))
@@ -241,9 +243,9 @@ def travel_by_radau(rides: Rides, pattern: Pattern) -> float:
             return first + growth * t
 
         found = solve_ivp(
-            lambda t, x, now=terms: np.array(rate(x, now(t))).ravel(), (0.0, length), state,
+            lambda t, x, now=terms: rate(x, now(t))[0].copy(), (0.0, length), state,
             method="Radau", rtol=_RADAU, atol=_RADAU * scale,
-            jac=lambda t, x, now=terms: csc_array(slopes(x, now(t)).sparse()),
+            jac=lambda t, x, now=terms: csc_array((slopes(x, now(t))[0].copy(), rows, columns)),
         )  # fmt: skip
         if not found.success:
             return float("nan")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, get_args
 
 import casadi as ca
@@ -69,13 +70,18 @@ class RowFit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Program:
-    """Points of the program, and linear maps to them."""
+class _Points:
+    """Points of the program, and linear maps to them: all that targets of a wavelength share."""
 
     field: np.ndarray  # (3 or less, points, m) per ampere-turn at the nodes
     along: int  # component along the coils' axes
     turns: np.ndarray  # (points,) phase in the waveform of the nearest coil, turns
-    D: np.ndarray  # (points,) the target's function
+    phases: np.ndarray  # (points,) of the target, rad
+
+    @property
+    def gain(self) -> float:
+        """Largest field per ampere-turn, in 1/m: the unit of currents in the program."""
+        return float(np.abs(self.field).max())
 
 
 def fit_currents(
@@ -101,11 +107,13 @@ def fit_currents(
         raise ArgumentError(f'no polarity "{polarity}"; there are {", ".join(get_args(Polarity))}')
     if nodes < 4 or starts < 1 or (slew is not None and not slew > 0):
         raise ArgumentError("give at least 4 nodes, 1 start, and a slew above 0")
-    made = _program(row, target, np.asarray(places, dtype=float), z, nodes, polarity)
-    scale = target.least_square
-    guesses = [_guess(made, target, row, k, seed, polarity) for k in range(starts)]
-    unit = max(float(np.max(np.abs(guesses[0][1]))), 1e-300)
-    nlp, bounds = _nlp(made, target, row, unit, slew, polarity)
+    x = tuple(np.ravel(np.asarray(places, dtype=float)).tolist())
+    made = _points(row, target.wavelength, x, z, nodes, polarity)
+    scale, D = target.least_square, np.asarray(target.function(made.phases), dtype=float)
+    guesses = [_guess(made, D, target, row, k, seed, polarity) for k in range(starts)]
+    unit = math.sqrt(scale) / made.gain
+    nlp = _program(made, slewed=slew is not None, alternating=polarity == "alternating")
+    bounds = _bounds(made, D / scale, target, row, unit, slew, polarity)
     tries: list[dict[str, object]] = []
     best: Solution | None = None
     for k, (offset, currents) in enumerate(guesses):
@@ -128,7 +136,7 @@ def fit_currents(
             code="not_solved",
         )
     found = unit * best.w[:nodes]
-    exact = _exact(made, found, float(best.w[nodes]) * scale)
+    exact = _exact(made, D, found, float(best.w[nodes]) * scale)
     course = shifted_course(
         found,
         target.period,
@@ -139,21 +147,23 @@ def fit_currents(
     return RowFit(found, course, float(best.w[nodes]) * scale, exact, best, tuple(tries))
 
 
-def _program(
+@lru_cache(maxsize=4)
+def _points(
     row: CoilRow,
-    target: TravellingTarget,
-    x: np.ndarray,
+    wavelength: float,
+    places: tuple[float, ...],
     z: float,
     nodes: int,
     polarity: Polarity,
-) -> _Program:
+) -> _Points:
+    x = np.array(places)
     influence = row.influence(x, z)
     shown = [
         c for c in range(3) if np.max(np.abs(influence[c])) > 1e-12 * np.max(np.abs(influence))
     ]
     # at every other place, phases are midway between the corners, to include the field there
     turn = (np.arange(nodes)[None, :] + 0.5 * (np.arange(len(x)) % 2)[:, None]) / nodes
-    away = (x[:, None, None] - row.places) / target.wavelength
+    away = (x[:, None, None] - row.places) / wavelength
     local = (turn[:, :, None] + away) * nodes
     whole = np.floor(local).astype(int)
     field = np.zeros((len(shown), len(x), nodes, nodes))
@@ -167,12 +177,32 @@ def _program(
     along = shown.index(axis) if axis in shown else 0
     nearest = np.abs(away).argmin(axis=2)
     turns = turn + np.take_along_axis(away, nearest[..., None], axis=2)[..., 0]
-    D = np.asarray(target.function(2 * np.pi * turn), dtype=float)
-    return _Program(field.reshape(len(shown), -1, nodes), along, turns.ravel(), D.ravel())
+    phases = 2 * np.pi * turn.ravel()
+    return _Points(field.reshape(len(shown), -1, nodes), along, turns.ravel(), phases)
+
+
+@lru_cache(maxsize=4)
+def _program(made: _Points, *, slewed: bool, alternating: bool) -> NonlinearProgram:
+    """Return the program; its parameters are D at the points, and the objective's weight.
+
+    Field strengths are variables too: the constraints are linear, second derivatives sparse.
+    """
+    components, points, nodes = made.field.shape
+    w = ca.MX.sym("w", nodes + 1 + components * points)
+    currents, offset, field = w[:nodes], w[nodes], w[nodes + 1 :]
+    p = ca.MX.sym("p", points + 1)
+    square = ca.sum2(ca.reshape(field, points, components) ** 2)
+    objective = p[-1] * ca.sumsqr(square - offset + p[:-1])
+    g = [field - ca.DM(made.field.reshape(-1, nodes) / made.gain) @ currents]
+    if slewed:
+        after = ca.vertcat(currents[1:], currents[0] * (-1 if alternating else 1))
+        g.append(after - currents)
+    return NonlinearProgram(w, p, objective, ca.vertcat(*g))
 
 
 def _guess(
-    made: _Program,
+    made: _Points,
+    D: np.ndarray,
     target: TravellingTarget,
     row: CoilRow,
     k: int,
@@ -183,9 +213,9 @@ def _guess(
     offset = _OFFSETS[k % len(_OFFSETS)]
     if target.square is not None:
         offset = target.square / target.least_square
-    root = np.sqrt(np.maximum(offset * target.least_square - made.D, 0.0))
+    root = np.sqrt(np.maximum(offset * target.least_square - D, 0.0))
     if polarity == "alternating":
-        zero = np.mod(made.turns[np.argmax(made.D)], 1.0)
+        zero = np.mod(made.turns[np.argmax(D)], 1.0)
         root = root * (-1.0) ** np.floor(made.turns - zero)
     A = made.field[made.along]
     ridge = _RIDGE * np.linalg.norm(A, 2) * np.eye(A.shape[1])
@@ -202,41 +232,30 @@ def _guess(
     return offset, np.clip(currents, low, limit)
 
 
-def _nlp(
-    made: _Program,
+def _bounds(
+    made: _Points,
+    D: np.ndarray,
     target: TravellingTarget,
     row: CoilRow,
     unit: float,
     slew: float | None,
     polarity: Polarity,
-) -> tuple[NonlinearProgram, Bounds]:
-    """Field strengths are variables too: the constraints are linear, second derivatives sparse."""
+) -> Bounds:
     components, points, nodes = made.field.shape
-    root = math.sqrt(target.least_square)
-    D = made.D / target.least_square
-    w = ca.MX.sym("w", nodes + 1 + components * points)
-    currents, offset, field = w[:nodes], w[nodes], w[nodes + 1 :]
-    square = ca.sum2(ca.reshape(field, points, components) ** 2)
-    objective = ca.sumsqr(square - offset + D) / (points * np.var(D))
-    maps = ca.DM(made.field.reshape(-1, nodes) * (unit / root))
-    g = [field - maps @ currents]
-    low, high = [np.zeros(components * points)], [np.zeros(components * points)]
+    limits = np.zeros(components * points)
     if slew is not None:
-        after = ca.vertcat(currents[1:], currents[0] * (-1 if polarity == "alternating" else 1))
-        g.append(after - currents)
-        limit = np.full(nodes, slew * target.period / nodes / unit)
-        low, high = [*low, -limit], [*high, limit]
+        limits = np.append(limits, np.full(nodes, slew * target.period / nodes / unit))
     largest = row.coil.ampere_turns / unit
-    lbw, ubw = np.full(w.numel(), -np.inf), np.full(w.numel(), np.inf)
+    ubw = np.full(nodes + 1 + components * points, np.inf)
+    lbw = -ubw
     lbw[:nodes], ubw[:nodes] = (0.0 if polarity == "one" else -largest), largest
     lbw[nodes] = 1.0
     if target.square is not None:
         lbw[nodes] = ubw[nodes] = target.square / target.least_square
-    nlp = NonlinearProgram(w, ca.MX(0, 1), objective, ca.vertcat(*g))
-    return nlp, Bounds(lbw, ubw, np.concatenate(low), np.concatenate(high), np.zeros(0))
+    return Bounds(lbw, ubw, -limits, limits, np.append(D, 1 / (points * np.var(D))))
 
 
-def _exact(made: _Program, currents: np.ndarray, square: float) -> float:
+def _exact(made: _Points, D: np.ndarray, currents: np.ndarray, square: float) -> float:
     """Residual with the field of these currents, not that of the program's variables."""
     H2 = np.sum((made.field @ currents) ** 2, axis=0)
-    return float(np.sqrt(np.mean((H2 - square + made.D) ** 2)) / np.std(made.D))
+    return float(np.sqrt(np.mean((H2 - square + D) ** 2)) / np.std(D))
