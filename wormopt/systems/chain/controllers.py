@@ -66,9 +66,7 @@ _SAMPLES = 501
 # By hardware that is not ideal: error in tube radii, and number of steps, beyond which a plant is
 # lost.
 _LOST, _PATIENCE = 10.0, 100_000
-# Local error of the crawl's exact motion on each arc: only its inputs are used, in simulations.
-_SWITCHED = 1e-6
-# Cubics per arc for a link length in that motion, whose arcs are long.
+# Cubics per arc for a link length in the crawl's exact motion, whose arcs are long.
 _PARTS = 6
 
 
@@ -247,8 +245,7 @@ def make_plans(
     motion, parts = optimum.motion, 1
     if periodic:
         with suppress(SolveError):  # The relaxed input suffices too, since its simulation is exact.
-            exact = optimise_switching_times(optimum, tolerance=_SWITCHED)
-            motion, parts = exact.motion, _PARTS
+            motion, parts = optimise_switching_times(optimum).motion, _PARTS
     known = [knowing(optimum, draw, seconds) for draw in draws]
     return Planned(
         Plan.of(motion, periodic, parts),
