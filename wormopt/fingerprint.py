@@ -23,14 +23,17 @@ def code_key(module: str) -> str:
     Comments, docstrings and modules that are not imported have no effect.
     """
     key = hashlib.sha256(f"{_FORM}".encode())
-    for name in sorted(_imported(module, _files(_ROOT))):
-        key.update(fingerprint(_files(_ROOT)[name].read_text(encoding="utf-8")).encode())
+    for _, tree in sorted(_imported(module, _files(_ROOT)).items()):
+        key.update(_text_of(tree).encode())
     return key.hexdigest()[:16]
 
 
 def fingerprint(source: str) -> str:
     """Syntax tree of Python code as text, without comments and docstrings."""
-    tree = ast.parse(source)
+    return _text_of(ast.parse(source))
+
+
+def _text_of(tree: ast.Module) -> str:
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
@@ -46,14 +49,14 @@ def _is_text(node: ast.AST) -> bool:
     )
 
 
-def _imported(start: str, files: dict[str, Path]) -> set[str]:
-    """A module of the package, and all its imports, direct or not."""
-    found, todo = set[str](), [start]
+def _imported(start: str, files: dict[str, Path]) -> dict[str, ast.Module]:
+    """A module of the package, and all its imports, direct or not, with their syntax trees."""
+    found, todo = dict[str, ast.Module](), [start]
     while todo:
         name = todo.pop()
         if name in files and name not in found and _SHOWS.isdisjoint(name.split(".")):
-            found.add(name)
-            todo += _imports(ast.parse(files[name].read_text(encoding="utf-8")))
+            found[name] = ast.parse(files[name].read_text(encoding="utf-8"))
+            todo += _imports(found[name])
     return found
 
 

@@ -535,11 +535,12 @@ def _vary(race: Race, settings: Search) -> Iterator[str]:
     if race.long:
         most = race.trier.work + _OF_LONG * most
     in_vain, gain = 0, _GAIN if race.long else _BETTER
-    patience = 1 if race.poor else effort.patience  # the search of a similar task varied before
+    # the search of a similar task varied before
+    varied, patience = (effort.varied // 3, 1) if race.poor else (effort.varied, effort.patience)
     while in_vain < patience:
         enough = race.record(0) + gain * abs(race.record(0))
         width = effort.width << in_vain  # if variations of the best fail, those of others may not
-        for batch in _batches(islice(_variations(race, settings, width), effort.varied)):
+        for batch in _batches(islice(_variations(race, settings, width), varied)):
             stage = race.announce("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
             orders = [race.canonical(start.sequence) for start in batch]
             hopeful = [s for s, order in zip(batch, orders, strict=True) if order not in race.poor]
