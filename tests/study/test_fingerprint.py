@@ -38,7 +38,7 @@ def test_what_computes_counts_and_what_shows_does_not():
         "wormopt.magnetics.winding",
         "wormopt.simulation.moreau",
         "wormopt.systems.channel.rod",
-    } <= found
+    } <= found.keys()
     for room in ("scenes", "plots", "spiked", "film"):
         assert not [name for name in found if room in name.split(".")]
 
