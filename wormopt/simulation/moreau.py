@@ -395,20 +395,22 @@ class MoreauJean:
         times = _looks(schedule, end, longest)
         sizes = np.diff(times) / _STRIDE
         scheduled = self._scheduled(schedule, times)
-        columns = [np.append(x0, np.zeros(self._impulses.n_gathered))[:, None]]
+        begin = np.append(x0, np.zeros(self._impulses.n_gathered))
+        columns = np.empty((len(times), len(begin))).T  # a copy of a long motion is large
+        columns[:, 0] = begin
         last, strides = len(sizes), self._strides
         for first in range(0, last, _SPAN):
             part = slice(first, min(first + _SPAN, last))
             try:
                 report("stepping", first / last)
                 with interruptible():
-                    found = strides(columns[-1][:, -1], scheduled[:, part], numbers, sizes[part])
+                    found = strides(columns[:, first], scheduled[:, part], numbers, sizes[part])
             except KeyboardInterrupt:
-                raise Interrupted(self._steps(times, columns)) from None
-            columns.append(found)
+                raise Interrupted(self._steps(times, columns[:, : first + 1])) from None
+            columns[:, first + 1 : part.stop + 1] = found
             if not np.all(np.isfinite(found[:, -1])):
                 reason = f"the motion becomes infinite or NaN before t = {times[part.stop]:.6g}"
-                partial = self._steps(times, columns[:-1])
+                partial = self._steps(times, columns[:, : first + 1])
                 raise SolveError(reason, "write a shorter step", partial, "not_finite")
         return self._steps(times, columns)
 
@@ -465,13 +467,13 @@ class MoreauJean:
         except CompilerError:
             return self._interpreted
 
-    def _steps(self, times: np.ndarray, columns: list[np.ndarray]) -> StepRecord:
-        found = np.hstack(columns)
+    def _steps(self, times: np.ndarray, found: np.ndarray) -> StepRecord:
         count, n_c = found.shape[1], len(self.model.contacts)
         states, gathered = found[: self.model.n_x], found[self.model.n_x :]
         n_work = 2 + len(self.integrals)
         work, impulses = gathered[:n_work], gathered[n_work:]
-        forces = np.diff(impulses, axis=1) / np.diff(times[:count])
+        forces = np.diff(impulses, axis=1)
+        forces /= np.diff(times[:count])
         names = ("walls", "friction", *self.integrals)
         return StepRecord(
             time=times[:count],
