@@ -97,7 +97,7 @@ SCENES = {
     "fig21_rod_motion": [],
     "fig22_frequency_response": [
         "frequencies=[5,50,500]", "search.rounds=1", "search.refine=2",
-        "sensitivity.frequencies=[20,100]", "time.cycles=4", "time.end=0.5",
+        "sensitivity={factors=[0.5,2.0],frequencies=[20,100]}", "time.cycles=4", "time.end=1.0",
     ],
 }  # fmt: skip
 
