@@ -420,15 +420,15 @@ def first_orders(task: GaitProblem) -> list[Sequence_]:
     """First orders of every search, for any number of links.
 
     Head and tail in turn, with and without a block between; the ceiling's resting sets in every
-    order; travelling waves, also of more resting masses if these share a load, and then also with
-    one mass more at rest between two phases.
+    order; travelling waves, also of more resting masses if these share a load, and then, for a
+    cost, also with one mass more at rest between two phases (the fastest gaits rest less).
     """
     n, fewest = task.worm.links, task.limits.resting
     found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]
     blocks = {a: tuple(block_wave_sequence(n, a)) for a in task.resting_sizes}
     found += blocks.values()
     waves = wave_orders(n, fewest)
-    if n <= _HANDED_OVER:
+    if task.objective.minimise is not None and n <= _HANDED_OVER:
         waves += [_handed_over(wave) for a, wave in blocks.items() if a + 1 in blocks]
     if not is_mirror_symmetric(task):
         waves += [mirrored(wave, n + 1) for wave in waves]
