@@ -266,6 +266,7 @@ def test_which_assumed_shape_is_closest():
     assert np.all(largest[3:, 0] < largest[3:, 1])
     # from the saved points themselves
     x, y = result["x"].values, result["y"].values
+    assert np.ptp([x, y], axis=1)[:, [0, -1]] == pytest.approx(np.zeros((2, 2)), abs=1e-12)
     seen = np.hypot(x[:, None] - x, y[:, None] - y)
     assert largest == pytest.approx(seen.max(axis=2), rel=1e-3)
     share = result["share"].values
