@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -30,6 +30,7 @@ from wormopt.study import (
 )
 from wormopt.study.members import AbsentError
 from wormopt.study.numerics import MeshTable
+from wormopt.study.numerics import Start as AtRest
 from wormopt.study.types import per
 from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits, Robust, Search
 from wormopt.systems.chain.tables import ChainTable
@@ -43,12 +44,22 @@ with on_use():
     import numpy as np
 
     from wormopt.control.drive import drive
+    from wormopt.model.model import Model
     from wormopt.ocp.motion import Motion
     from wormopt.ocp.optimise import Optimum
+    from wormopt.ocp.problem import Problem
     from wormopt.simulation.simulate import simulate
+    from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
     from wormopt.systems.chain.crawl_limits import Slope, bound_of, excess_of, slopes
-    from wormopt.systems.chain.crawl_search import CrawlTask, Earlier, Solved, converging, search
-    from wormopt.systems.chain.dynamic import PERIODS
+    from wormopt.systems.chain.crawl_search import (
+        USUAL_SIZES,
+        Earlier,
+        Solved,
+        converging,
+        search,
+    )
+    from wormopt.systems.chain.dynamic import PERIODS, crawl_problem
+    from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
     from wormopt.systems.shared.optimum import ACCEPTED, modes_of, warnings_of_reading
     from wormopt.systems.shared.signals import chain_expressions
 
@@ -57,6 +68,8 @@ _SHOWN = ("length", "velocity", "contact_force", "input")
 # Accepted end error of the simulation where contact is relaxed: on arcs that end at switches, and
 # on a grid.
 _ACCEPTED_AT_SWITCHES, _ACCEPTED_ON_GRID = 5e-3, 2e-2
+# The least friction counts, but at least this share of the largest.
+_FRICTION = 1e-2
 # A crawl slower than this share of the usual speed of its masses does not advance.
 _RESTS = 1e-4
 # Excess of a limit between points of the mesh, as a share of the limit, that is worth a warning.
@@ -215,21 +228,80 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     # -- solving -----------------------------------------------------------------------------------
 
     @cached_property
-    def task(self) -> CrawlTask:
-        """What is optimised, for other processes."""
-        return CrawlTask(
-            self.worm,
-            self.limits,
-            self.objective,
-            self.mesh,
-            self.search.starts,
-            self.search.seed,
-            None if self.search.result is None else self._earlier(self.search.result),
-            self.robust,
+    def plant(self) -> Model:
+        """The nominal chain, in usual sizes of its rest lengths and periods."""
+        rest = float(np.mean(per(self.worm.rest_length, self.worm.links)))
+        size = rest / 2 if rest > 0 else 1.0
+        links = draw_links(self.worm, 1.0)
+        return build_chain(self.worm, AtRest(), links, size, self.limits.period_range[1])
+
+    @cached_property
+    def draws(self) -> list[dict[str, np.ndarray]]:
+        """Parameters of each chain that differ from the nominal ones; the first is nominal."""
+        if self.robust is None:
+            return [{}]
+        random, own = np.random.default_rng(self.robust.seed), numbers_of(self.plant)
+        factors = [draw_factors(own, self.robust.spread, random) for _ in range(self.robust.draws)]
+        return [{}, *({name: own[name] * f for name, f in drawn.items()} for drawn in factors)]
+
+    @cached_property
+    def reach(self) -> float:
+        """Usual amplitude of the lengths of links, by their range if they have one."""
+        usual, ranges = self.plant.x[0].nominal, self.limits.length_ranges(self.worm.links)
+        if ranges is None:
+            return usual
+        return min(max(high - low for low, high in ranges) / 2, 2 * usual)
+
+    def needed(self, rate: float) -> float:
+        """Force that moves links of this rate through their reach, against ground and load.
+
+        More force seldom helps, so it replaces limits that are far above it.
+        """
+        worm, masses = self.worm, self.worm.links + 1
+        slips = (s * float(law.slip_force(-s * rate, -s)) for law in laws_of(worm) for s in (1, -1))
+        ground = sum(map(abs, per(worm.pull, masses))) + sum(filter(math.isfinite, map(abs, slips)))
+        inertia = sum(per(worm.mass, masses)) * rate / self.reach
+        links = max(per(worm.stiffness, 1)) * self.reach + max(per(worm.damping, 1)) * rate
+        return links + (inertia + sum(per(worm.drag, masses))) * rate + ground
+
+    def sized(self, speed: float) -> Model:
+        """Scale the plant by the usual size of velocities, and by friction.
+
+        Masses and periods alone give forces that are too small by orders of magnitude for light
+        worms.
+        """
+        position, velocity = self.plant.x
+        velocity = replace(velocity, nominal=max(speed, velocity.nominal / 10))
+        plant, most = self.plant, max(per(self.limits.actuator_force, 1))
+        force = min(most, USUAL_SIZES * self.needed(velocity.nominal))
+        held = [end for law in laws_of(self.worm) for end in law.stick_interval]
+        sizes = np.abs(np.array(held, dtype=float))
+        sizes = np.minimum(sizes[sizes > 0], force)
+        friction = float(max(sizes.min(), _FRICTION * sizes.max()) if len(sizes) else force)
+        return replace(
+            plant,
+            x=[position, velocity],
+            u=[replace(u, nominal=max(friction, force / USUAL_SIZES)) for u in plant.u],
+            contacts=[
+                replace(c, nominal_force=friction, nominal_speed=velocity.nominal)
+                for c in plant.contacts
+            ],
         )
 
-    def _earlier(self, name: str) -> Earlier:
-        """Read the crawl of an earlier result; SceneError if it has none that fits."""
+    def problem(self, speed: float) -> Problem:
+        """State the problem where velocities have this usual size."""
+        plant = self.sized(speed)
+        if self.robust is None:
+            return crawl_problem(plant, self.limits, self.objective)
+        copies = scenario_model(plant, self.draws)
+        return crawl_problem(copies, self.limits, self.objective, self.robust.judge)
+
+    @cached_property
+    def earlier(self) -> Earlier | None:
+        """The crawl of an earlier result, if one is given; SceneError if it has none that fits."""
+        name = self.search.result
+        if name is None:
+            return None
         try:
             earlier = Result.load(self.folder / name)
             t = earlier["instant"].values
@@ -250,7 +322,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     @cached_property
     def found(self) -> tuple[dict[str, Solved], list[float]]:
         """Optima of all stages by name, and the coarse objectives of all starts."""
-        return search(self.task, self.report)
+        return search(self, self.report)
 
     def solve(self) -> dict[str, Optimum]:
         """Solve with relaxed contact, then with arcs that end at switches, then with phases."""
@@ -264,7 +336,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
                 "no crawl was found within limits.period, limits.actuator_force and limits.length"
             )
             raise SolveError(what, error.suggestion, error.partial, error.code) from None
-        optima = {name: one.optimum(self.task) for name, one in stages.items()}
+        optima = {name: one.optimum(self) for name, one in stages.items()}
         self._refuse_rest([*optima.values()][-1].motion)
         return optima
 
@@ -311,14 +383,13 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @stage
     def simulated_speeds(self) -> list[float]:
-        """Speed of each chain in the last of several simulated periods."""
         self.report("simulating the crawl", 0.95)
         period, masses = self.motion.duration, self.worm.links + 1
-        driven = drive(self.task.plant, self.motion.input_course(), periodic=True)
+        driven = drive(self.plant, self.motion.input_course(), periodic=True)
         begin = {"position": self.ends[:masses, 0], "velocity": self.ends[masses : 2 * masses, 0]}
         span = (2 if self.single_chain else 4 * PERIODS) * period
         speeds: list[float] = []
-        for draw in self.task.draws:
+        for draw in self.draws:
             run = simulate(driven, span, x0=begin, p=dict(draw), dense=True)
             assert run.dense is not None
             x = run.dense(np.array([span - period, span]))[0]
@@ -374,7 +445,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @stage
     def sensitivity(self) -> list[Slope]:
-        return slopes(self.task, self.optimum, self.cycles_in_period)
+        return slopes(self, self.optimum, self.cycles_in_period)
 
     @scalars({}, when="single_chain")
     def derivatives(self) -> dict[str, Scalar]:
@@ -400,7 +471,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     @cached_property
     def least(self) -> float | None:
         """Bound on the objective of every crawl; None if there is none."""
-        return bound_of(self.task) if self.single_chain else None
+        return bound_of(self) if self.single_chain else None
 
     @property
     def is_bounded(self) -> bool:
@@ -454,7 +525,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         try:
             with np.errstate(all="ignore"):
                 sharp = self.found[0]["switches"]
-                return converge(self.task, sharp, self.optimum, self.report)
+                return converge(self, sharp, self.optimum, self.report)
         except SolveError as error:
             return f"{what}: {error}"
 
@@ -532,9 +603,9 @@ def work_of(motion: Motion) -> float:
 # -- convergence of relaxed contact ----------------------------------------------------------------
 
 
-def converge(task: CrawlTask, sharp: Solved, exact: Optimum, report: Report) -> Convergence:
+def converge(study: OptimalCrawl, sharp: Solved, exact: Optimum, report: Report) -> Convergence:
     """Solve again with narrower laws and on finer grids, from the same local optimum."""
-    smoothed, *on_grids = (one.optimum(task) for one in converging(task, sharp, report))
+    smoothed, *on_grids = (one.optimum(study) for one in converging(study, sharp, report))
     best = exact.objective
     levels = smoothed.levels[-_WIDTHS:]
     width = np.array([level.level for level in levels])

@@ -42,7 +42,6 @@ with on_use():
     from wormopt.simulation.options import Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
-    from wormopt.systems.chain import law_of
     from wormopt.systems.gears.box import GearBox, gear_box
     from wormopt.systems.gears.checks import (
         KEPT,
@@ -53,7 +52,7 @@ with on_use():
     )
     from wormopt.systems.gears.gear import Gear, Ground, Limits, faults_of_links
     from wormopt.systems.gears.hindsight import Schedule, best_schedule, ideal_time
-    from wormopt.systems.gears.model import Body, geared_chain, geared_worm
+    from wormopt.systems.gears.model import geared_chain, geared_worm
     from wormopt.systems.gears.walk import (
         Choose,
         Supervised,
@@ -124,7 +123,6 @@ class GroundTable(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield places that do not increase, and lists of other lengths."""
         for k, (a, b) in enumerate(zip(self.place, self.place[1:], strict=False), start=1):
             if b <= a:
                 yield f"place[{k}]", f"{b:g} is not above {a:g}; write increasing places"
@@ -153,7 +151,6 @@ class ShiftLimits(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a range of lengths that is empty."""
         yield from wrong_order("length", self.length, may_be_equal=False)
 
 
@@ -178,7 +175,6 @@ class SupervisorRules(Given):
     dwell: float = number("time", "shortest time in a gear", least=0, default=0.0)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield shares between which the worm would shift to and fro."""
         if self.up >= self.down:
             yield (
                 "up",
@@ -194,7 +190,6 @@ class Way(Given):
     goal: float = number("length", "mean position of the masses at the end")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a goal that is not ahead of the start."""
         if self.goal <= self.start:
             yield (
                 "goal",
@@ -504,7 +499,6 @@ class GaitShift(Study, kind="gait-shift"):
 
     @stage
     def motion(self) -> Trajectory:
-        """Simulate the supervised worm as a Model with events."""
         model = geared_worm(self.box, self.route, self.rules, **self.departure)
         motion = simulate(
             model, self.longest, dense=True, report=lambda _, share: self.report("walking", share)
@@ -524,7 +518,6 @@ class GaitShift(Study, kind="gait-shift"):
 
     @stage
     def fixed(self) -> list[Walk]:
-        """Travel in each gear alone."""
         return [self.walk(k, kept) for k in range(len(self.box.gears))]
 
     @stage
@@ -541,19 +534,9 @@ class GaitShift(Study, kind="gait-shift"):
 
     def follow(self, share: float) -> Trajectory:
         """Simulate the tracked chain, with a share of the usual tolerance."""
-        table = self.adaptive
-        assert table
-        body = Body(
-            table.stiffness,
-            table.damping,
-            law_of(table.friction),
-            table.tube_radius,
-            table.gain_start,
-            table.growth,
-            table.memory or min(gear.period for gear in self.box.gears) / 4,
-        )
+        assert self.adaptive
         return simulate(
-            geared_chain(self.box, self.route, self.rules, body, **self.departure),
+            geared_chain(self.box, self.route, self.rules, self.adaptive, **self.departure),
             self.longest,
             dense=True,
             tolerance=Tolerance(share * _CHAIN, share * _CHAIN / 10),

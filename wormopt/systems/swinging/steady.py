@@ -24,6 +24,7 @@ from wormopt.progress import Report
 from wormopt.simulation.options import Exact, Recheck, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.shared.models import with_integrals
 from wormopt.systems.shared.proof import CrossCheck, cross_check
 from wormopt.systems.shared.signals import rests
 
@@ -172,17 +173,12 @@ class Orbit:
 
 def measured(model: Model) -> Model:
     """Append the states ``impulse`` (of the contacts) and ``work`` (of the actuators)."""
-    impulse, work = ca.SX.sym("impulse", len(model.contacts)), ca.SX.sym("work")
-    size = model.x[-1].nominal
-    return replace(
-        model,
-        x=[
-            *model.x,
-            Signal("impulse", impulse, "impulse", size, value=(0.0,) * impulse.numel()),
-            Signal("work", work, "energy", size, value=0.0),
-        ],
-        ode=ca.vertcat(model.ode, model.forces, model["power"]),
-    )
+    count, size = len(model.contacts), model.x[-1].nominal
+    states = [
+        Signal("impulse", ca.SX.sym("impulse", count), "impulse", size, value=(0.0,) * count),
+        Signal("work", ca.SX.sym("work"), "energy", size, value=0.0),
+    ]
+    return with_integrals(model, states, [model.forces, model["power"]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import SolveError
+from wormopt.numerics.collocation import Collocation
 from wormopt.numerics.expressions import at_rows
 from wormopt.ocp.motion import Guess
 from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim
@@ -218,30 +219,14 @@ class Steps:
     @cached_property
     def _rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of [0, 1], their weights, and the matrix of integrals up to each point."""
-        x, w = np.polynomial.legendre.leggauss(self.points)
-        x, w = (x + 1) / 2, w / 2
-        basis = np.polynomial.legendre.legvander(2 * x - 1, self.points - 1)
-        up = np.stack(
-            [
-                (
-                    np.polynomial.legendre.legval(
-                        2 * x - 1, np.polynomial.legendre.legint(np.eye(self.points)[j], lbnd=-1)
-                    )
-                )
-                / 2
-                for j in range(self.points)
-            ],
-            axis=1,
+        rule, parts, h = Collocation(self.points), np.arange(self.parts), 1 / self.parts
+        tau = h * (parts[:, None] + rule.tau).ravel()
+        before = np.kron(parts[:, None] > parts, np.tile(rule.B, (self.points, 1)))
+        return (
+            tau,
+            np.tile(h * rule.B, self.parts),
+            h * (before + np.kron(np.eye(self.parts), rule.A)),
         )
-        one = np.linalg.solve(basis.T, up.T).T
-        h = 1 / self.parts
-        tau = np.concatenate([(i + x) * h for i in range(self.parts)])
-        full = np.zeros((len(tau), len(tau)))
-        for i in range(self.parts):
-            rows = slice(i * self.points, (i + 1) * self.points)
-            full[rows, rows] = h * one
-            full[rows, : i * self.points] = np.tile(w * h, i)
-        return tau, np.tile(w * h, self.parts), full
 
 
 def _regular(hessian: np.ndarray) -> np.ndarray:
