@@ -25,10 +25,10 @@ from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.tables import CoulombFriction, SpikeFriction
 from wormopt.systems.gears.box import GearBox, Transition, gear_box, shortest_transition
 from wormopt.systems.gears.checks import round_trip, tried
-from wormopt.systems.gears.gait_shift import Adaptive
 from wormopt.systems.gears.gear import Gear, Ground, Limits
 from wormopt.systems.gears.hindsight import best_schedule, ideal_time
 from wormopt.systems.gears.model import geared_chain, geared_worm
+from wormopt.systems.gears.tables import Adaptive
 from wormopt.systems.gears.walk import (
     Done,
     Supervised,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +12,9 @@ from wormopt.model.friction import Viscous
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.optimise import Optimum
 from wormopt.study.types import per
+from wormopt.systems.chain.crawl_study import CrawlStudy
 from wormopt.systems.chain.loops import laws_of
 from wormopt.systems.shared.optimum import sample_motion
-
-if TYPE_CHECKING:
-    from wormopt.systems.chain.optimal_crawl import OptimalCrawl
 
 # Elasticities below this are rounding.
 _NOTHING = 1e-5
@@ -39,7 +36,7 @@ class Slope:
     elasticity: float
 
 
-def slopes(study: OptimalCrawl, optimum: Optimum, cycles: int) -> list[Slope]:
+def slopes(study: CrawlStudy, optimum: Optimum, cycles: int) -> list[Slope]:
     """Derivatives of the maximised speed, or of the cost, by all limits, from the multipliers.
 
     The order of rests does not change. The derivative by a limit that does not bind is 0.
@@ -56,7 +53,7 @@ def slopes(study: OptimalCrawl, optimum: Optimum, cycles: int) -> list[Slope]:
 
 
 def _slopes(
-    study: OptimalCrawl, optimum: Optimum, cycles: int
+    study: CrawlStudy, optimum: Optimum, cycles: int
 ) -> Iterator[tuple[str, float, str, float]]:
     limits, links = study.limits, study.worm.links
 
@@ -119,7 +116,7 @@ def excess_of(motion: Motion) -> dict[str, float]:
 # -- a bound on every crawl ------------------------------------------------------------------------
 
 
-def bound_of(study: OptimalCrawl) -> float | None:
+def bound_of(study: CrawlStudy) -> float | None:
     """Least value of the objective that any crawl within the limits can have; None if unknown.
 
     Over a cycle, springs and masses keep their energy. Actuators give what dashpots and the ground
@@ -149,7 +146,7 @@ def bound_of(study: OptimalCrawl) -> float | None:
     return -speed
 
 
-def _links(study: OptimalCrawl) -> Iterator[tuple[float, float, float, float]]:
+def _links(study: CrawlStudy) -> Iterator[tuple[float, float, float, float]]:
     """Largest force, damping, largest rate and power of each link."""
     limits, n = study.limits, study.worm.links
     ranges = limits.length_ranges(n) or ((0.0, math.inf),) * n

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -22,15 +22,11 @@ from wormopt.ocp.switching import optimise_switching_times, structure_of
 from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report, silent
 from wormopt.study.types import per
+from wormopt.systems.chain.crawl_study import USUAL_SIZES, CrawlStudy
 from wormopt.systems.chain.dynamic import sine_guess
 from wormopt.systems.chain.loops import laws_of
 from wormopt.systems.spiked import GaitProblem, Limits, Objective, Search, Worm, designed
 
-if TYPE_CHECKING:
-    from wormopt.systems.chain.optimal_crawl import OptimalCrawl
-
-USUAL_SIZES = 20.0
-"""Largest input in nominal sizes."""
 # Samples of a motion that determine its size and its score.
 _SAMPLES = 512
 # Arcs of the first solves, and their relaxations of contact.
@@ -81,7 +77,7 @@ class Solved:
     levels: tuple[Level, ...]
     build_s: float
 
-    def optimum(self, study: OptimalCrawl) -> Optimum:
+    def optimum(self, study: CrawlStudy) -> Optimum:
         """Return the optimum with its program."""
         problem = replace(study.problem(self.speed), duration=self.duration)
         program = Transcription(problem, self.mesh, self.treatment)
@@ -116,7 +112,7 @@ def _sent(found: Optimum) -> Solved:
 class Start(Protocol):
     """Recipe of a first guess."""
 
-    def guess(self, study: OptimalCrawl) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Make the guess; SolveError if this is impossible."""
         ...
 
@@ -129,7 +125,7 @@ class Wave:
     force: float
     phase: tuple[float, ...]
 
-    def guess(self, study: OptimalCrawl) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Return the last of several simulated cycles."""
         phase = np.array(self.phase)
         return sine_guess(study.plant, self.duration, self.force, phase, len(study.draws))
@@ -144,7 +140,7 @@ class Earlier:
     inputs: np.ndarray  # (n_u, m)
     forces: np.ndarray  # (contacts, m)
 
-    def guess(self, study: OptimalCrawl) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Interpolate it."""
         states, inputs, forces = (
             polyline(self.time, rows) for rows in (self.states, self.inputs, self.forces)
@@ -158,7 +154,7 @@ class Smoothed:
 
     start: Start
 
-    def guess(self, study: OptimalCrawl) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Return the smooth optimum."""
         near = self.start.guess(study)
         speed = study.sized(speed_of(study, near)).x[1].nominal
@@ -172,7 +168,7 @@ class Spiked:
 
     duration: float
 
-    def guess(self, study: OptimalCrawl) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Return the designed motion with the actuator forces that it needs."""
         worm, limits, links = study.worm, study.limits, study.worm.links
         masses = np.array(per(worm.mass, links + 1))
@@ -210,16 +206,16 @@ def polyline(t: np.ndarray, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarr
     return lambda at: np.array([np.interp(at, t, row) for row in rows])
 
 
-def speed_of(study: OptimalCrawl, near: Guess) -> float:
+def speed_of(study: CrawlStudy, near: Guess) -> float:
     """Root mean square of the velocities of a motion."""
     masses = study.worm.links + 1
     states = near.states(np.linspace(0.0, near.duration, _SAMPLES))
     return float(np.sqrt(np.mean(states[masses : 2 * masses] ** 2)))
 
 
-def starts(study: OptimalCrawl) -> list[Start]:
+def starts(study: CrawlStudy, earlier: Earlier | None) -> list[Start]:
     """Return the best waves, a designed spiked gait, a smooth optimum, and random waves."""
-    ways: list[Start] = [] if study.earlier is None else [study.earlier]
+    ways: list[Start] = [] if earlier is None else [earlier]
     waves = _waves(study)
     ways.append(waves[0])
     if study.single_chain:
@@ -234,7 +230,7 @@ def starts(study: OptimalCrawl) -> list[Start]:
     return ways[: study.search.starts]
 
 
-def _waves(study: OptimalCrawl) -> list[Wave]:
+def _waves(study: CrawlStudy) -> list[Wave]:
     """Simulate waves of several durations, strengths and phases; the best two, unlike ones."""
     links, most = study.worm.links, min(per(study.limits.actuator_force, study.worm.links))
     along = 2 * np.pi / (links + 1) * np.arange(links)
@@ -268,7 +264,7 @@ def _waves(study: OptimalCrawl) -> list[Wave]:
     return [first, next(others, first)]
 
 
-def _score(study: OptimalCrawl, wave: Wave) -> float:
+def _score(study: CrawlStudy, wave: Wave) -> float:
     """Objective of a wave, larger is better, less what exceeds the limits of lengths."""
     try:
         near = wave.guess(study)
@@ -296,7 +292,7 @@ def _score(study: OptimalCrawl, wave: Wave) -> float:
 
 
 def _solved(
-    study: OptimalCrawl,
+    study: CrawlStudy,
     near: Guess,
     mesh: Mesh,
     treatment: Contacts,
@@ -314,7 +310,7 @@ def _solved(
 
 
 def _coarse(
-    study: OptimalCrawl, near: Guess, treatment: Contacts = _RELAXED, *, explain: bool = False
+    study: CrawlStudy, near: Guess, treatment: Contacts = _RELAXED, *, explain: bool = False
 ) -> Optimum:
     arcs = min(_COARSE, study.mesh.arcs)
     mesh = Mesh.even(1, arcs, Collocation(2, "radau"))
@@ -326,7 +322,7 @@ def _whole(found: Optimum) -> Guess:
     return replace(found.motion.guess, phases=None)
 
 
-def coarse(study: OptimalCrawl, start: Start) -> Solved | None:
+def coarse(study: CrawlStudy, start: Start) -> Solved | None:
     """Solve with relaxed contact on a coarse mesh; None if this fails."""
     return _found(lambda: _coarse(study, start.guess(study)))
 
@@ -356,7 +352,7 @@ def _stretched(near: Guess, duration: float) -> Guess:
 
 
 def _sharp(
-    study: OptimalCrawl,
+    study: CrawlStudy,
     near: Guess,
     arcs: int,
     duration: float | None = None,
@@ -377,12 +373,12 @@ def _sharp(
     return _solved(study, near, mesh, treatment, solver, ratio)
 
 
-def sharp(study: OptimalCrawl, first: Solved) -> Solved | None:
+def sharp(study: CrawlStudy, first: Solved) -> Solved | None:
     """Sharpen a coarse optimum; None if this fails."""
     return _found(lambda: _sharp(study, _whole(first.optimum(study)), study.mesh.arcs))
 
 
-def polished(study: OptimalCrawl, found: Solved, report: Report) -> Solved | None:
+def polished(study: CrawlStudy, found: Solved, report: Report) -> Solved | None:
     """Solve with the phases that the switches show, exactly; None if this fails."""
     detected = found.optimum(study)
     phases = structure_of(detected.motion, speed=None).durations
@@ -399,7 +395,7 @@ def polished(study: OptimalCrawl, found: Solved, report: Report) -> Solved | Non
     )
 
 
-def _halved(study: OptimalCrawl, found: Solved, report: Report) -> Solved | None:
+def _halved(study: CrawlStudy, found: Solved, report: Report) -> Solved | None:
     """Solve with arcs halved; None if this fails."""
     motion = found.optimum(study).motion
     halves = np.repeat(motion.arcs.duration / 2, 2)
@@ -410,10 +406,12 @@ def _halved(study: OptimalCrawl, found: Solved, report: Report) -> Solved | None
     return _found(lambda: _sharp(study, near, len(halves), duration, _HALVED))
 
 
-def search(study: OptimalCrawl, report: Report) -> tuple[dict[str, Solved], list[float]]:
+def search(
+    study: CrawlStudy, earlier: Earlier | None, report: Report
+) -> tuple[dict[str, Solved], list[float]]:
     """Solve from all starts; the optima of each stage, and the coarse objectives of all starts."""
     report("simulating waves", None)
-    first = starts(study)
+    first = starts(study, earlier)
     found: list[Solved | None] = [None] * len(first)
     for k, one in each(partial(coarse, study), first, report, "starts"):
         found[k] = one
@@ -439,9 +437,7 @@ def search(study: OptimalCrawl, report: Report) -> tuple[dict[str, Solved], list
     return stages, objectives
 
 
-def _sharpest(
-    study: OptimalCrawl, ranked: Sequence[Solved], report: Report
-) -> tuple[Solved, Solved]:
+def _sharpest(study: CrawlStudy, ranked: Sequence[Solved], report: Report) -> tuple[Solved, Solved]:
     """Sharpen the best optima, or the next ones if this fails; the best, coarse and sharp."""
     best: tuple[Solved, Solved] | None = None
     for pair in _hopeful(ranked):
@@ -456,7 +452,7 @@ def _sharpest(
     return best
 
 
-def _ticked(study: OptimalCrawl, best: Solved) -> Solved:
+def _ticked(study: CrawlStudy, best: Solved) -> Solved:
     """Solve again with cycles of whole ticks next to the best one; the better of the two."""
     limits, guess = study.limits.ticked, best.optimum(study).motion.guess
     durations = [limits.whole_ticks(k) for k in limits.ticks_of(guess.duration)]
@@ -478,7 +474,7 @@ def _hopeful(ranked: Sequence[Solved]) -> Iterator[Sequence[Solved]]:
 # -- convergence of relaxed contact ----------------------------------------------------------------
 
 
-def converging(study: OptimalCrawl, near: Solved, report: Report) -> Iterator[Solved]:
+def converging(study: CrawlStudy, near: Solved, report: Report) -> Iterator[Solved]:
     """Solve with smoothed friction of several widths, then on finer grids; yields both in order."""
     arcs = study.mesh.arcs
     jobs: list[tuple[int, Contacts]] = [(5 * arcs, _narrower(near.speed))]
@@ -492,7 +488,7 @@ def _narrower(speed: float) -> Regularised:
     return Regularised(v_reg=0.4**6 * speed, first=speed, ratio=0.4)
 
 
-def _from_sharp(study: OptimalCrawl, near: Solved, job: tuple[int, Contacts]) -> Solved:
+def _from_sharp(study: CrawlStudy, near: Solved, job: tuple[int, Contacts]) -> Solved:
     """Solve on a grid with a treatment of contact, from a sharp optimum."""
     arcs, treatment = job
     degree = 3 if isinstance(treatment, Regularised) else 2

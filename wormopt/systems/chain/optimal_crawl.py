@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -17,7 +17,6 @@ from wormopt.study import (
     arrays,
     attributes,
     checks,
-    entry,
     facts,
     on_use,
     parts,
@@ -29,14 +28,10 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.study.members import AbsentError
-from wormopt.study.numerics import MeshTable
-from wormopt.study.numerics import Start as AtRest
 from wormopt.study.types import per
-from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits, Robust, Search
-from wormopt.systems.chain.tables import ChainTable
+from wormopt.systems.chain.crawl_study import CrawlStudy
 from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, over
 from wormopt.systems.shared.gravity import assumed, cost_of_transport
-from wormopt.systems.shared.optimal_motion import OptimalMotion
 from wormopt.systems.spiked import why_unreadable
 
 with on_use():
@@ -44,22 +39,12 @@ with on_use():
     import numpy as np
 
     from wormopt.control.drive import drive
-    from wormopt.model.model import Model
     from wormopt.ocp.motion import Motion
     from wormopt.ocp.optimise import Optimum
-    from wormopt.ocp.problem import Problem
     from wormopt.simulation.simulate import simulate
-    from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
     from wormopt.systems.chain.crawl_limits import Slope, bound_of, excess_of, slopes
-    from wormopt.systems.chain.crawl_search import (
-        USUAL_SIZES,
-        Earlier,
-        Solved,
-        converging,
-        search,
-    )
-    from wormopt.systems.chain.dynamic import PERIODS, crawl_problem
-    from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
+    from wormopt.systems.chain.crawl_search import Earlier, Solved, converging, search
+    from wormopt.systems.chain.dynamic import PERIODS
     from wormopt.systems.shared.optimum import ACCEPTED, modes_of, warnings_of_reading
     from wormopt.systems.shared.signals import chain_expressions
 
@@ -68,8 +53,6 @@ _SHOWN = ("length", "velocity", "contact_force", "input")
 # Accepted end error of the simulation where contact is relaxed: on arcs that end at switches, and
 # on a grid.
 _ACCEPTED_AT_SWITCHES, _ACCEPTED_ON_GRID = 5e-3, 2e-2
-# The least friction counts, but at least this share of the largest.
-_FRICTION = 1e-2
 # A crawl slower than this share of the usual speed of its masses does not advance.
 _RESTS = 1e-4
 # Excess of a limit between points of the mesh, as a share of the limit, that is worth a warning.
@@ -118,7 +101,7 @@ class Convergence:
                 yield f"the estimated error with {name} contact does not cover the exact objective"
 
 
-class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
+class OptimalCrawl(CrawlStudy, kind="optimal-crawl"):
     """Optimise the inputs of a chain that crawls on dry friction: fastest or cheapest.
 
     It finds the periodic inputs with which the chain crawls fastest, or at the least energy.
@@ -179,15 +162,6 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         "limits.length, limits.actuator_force or limits.period",
     }
 
-    worm: ChainTable = entry("the chain, with `friction`")
-    limits: CrawlLimits = entry("limits of the crawl")
-    objective: Aim = entry("objective of the crawl")
-    mesh: MeshTable = entry("mesh in time", default=MeshTable(arcs=24))
-    search: Search = entry("starting points of the search", default=Search)
-    robust: Robust | None = entry(
-        "design for several chains; default: a single chain", default=None
-    )
-
     def faults_of_keys(self) -> Iterator[Fault]:
         yield from self.worm.faults(1.0, self.units)
         yield from self.limits.faults_for(self.worm.links)
@@ -220,81 +194,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         if "convergence" in self.want:
             yield "want", '"convergence" needs a single chain; leave out [robust] or "convergence"'
 
-    @property
-    def single_chain(self) -> bool:
-        """Whether the crawl is designed for one chain."""
-        return self.robust is None
-
     # -- solving -----------------------------------------------------------------------------------
-
-    @cached_property
-    def plant(self) -> Model:
-        """The nominal chain, in usual sizes of its rest lengths and periods."""
-        rest = float(np.mean(per(self.worm.rest_length, self.worm.links)))
-        size = rest / 2 if rest > 0 else 1.0
-        links = draw_links(self.worm, 1.0)
-        return build_chain(self.worm, AtRest(), links, size, self.limits.period_range[1])
-
-    @cached_property
-    def draws(self) -> list[dict[str, np.ndarray]]:
-        """Parameters of each chain that differ from the nominal ones; the first is nominal."""
-        if self.robust is None:
-            return [{}]
-        random, own = np.random.default_rng(self.robust.seed), numbers_of(self.plant)
-        factors = [draw_factors(own, self.robust.spread, random) for _ in range(self.robust.draws)]
-        return [{}, *({name: own[name] * f for name, f in drawn.items()} for drawn in factors)]
-
-    @cached_property
-    def reach(self) -> float:
-        """Usual amplitude of the lengths of links, by their range if they have one."""
-        usual, ranges = self.plant.x[0].nominal, self.limits.length_ranges(self.worm.links)
-        if ranges is None:
-            return usual
-        return min(max(high - low for low, high in ranges) / 2, 2 * usual)
-
-    def needed(self, rate: float) -> float:
-        """Force that moves links of this rate through their reach, against ground and load.
-
-        More force seldom helps, so it replaces limits that are far above it.
-        """
-        worm, masses = self.worm, self.worm.links + 1
-        slips = (s * float(law.slip_force(-s * rate, -s)) for law in laws_of(worm) for s in (1, -1))
-        ground = sum(map(abs, per(worm.pull, masses))) + sum(filter(math.isfinite, map(abs, slips)))
-        inertia = sum(per(worm.mass, masses)) * rate / self.reach
-        links = max(per(worm.stiffness, 1)) * self.reach + max(per(worm.damping, 1)) * rate
-        return links + (inertia + sum(per(worm.drag, masses))) * rate + ground
-
-    def sized(self, speed: float) -> Model:
-        """Scale the plant by the usual size of velocities, and by friction.
-
-        Masses and periods alone give forces that are too small by orders of magnitude for light
-        worms.
-        """
-        position, velocity = self.plant.x
-        velocity = replace(velocity, nominal=max(speed, velocity.nominal / 10))
-        plant, most = self.plant, max(per(self.limits.actuator_force, 1))
-        force = min(most, USUAL_SIZES * self.needed(velocity.nominal))
-        held = [end for law in laws_of(self.worm) for end in law.stick_interval]
-        sizes = np.abs(np.array(held, dtype=float))
-        sizes = np.minimum(sizes[sizes > 0], force)
-        friction = float(max(sizes.min(), _FRICTION * sizes.max()) if len(sizes) else force)
-        return replace(
-            plant,
-            x=[position, velocity],
-            u=[replace(u, nominal=max(friction, force / USUAL_SIZES)) for u in plant.u],
-            contacts=[
-                replace(c, nominal_force=friction, nominal_speed=velocity.nominal)
-                for c in plant.contacts
-            ],
-        )
-
-    def problem(self, speed: float) -> Problem:
-        """State the problem where velocities have this usual size."""
-        plant = self.sized(speed)
-        if self.robust is None:
-            return crawl_problem(plant, self.limits, self.objective)
-        copies = scenario_model(plant, self.draws)
-        return crawl_problem(copies, self.limits, self.objective, self.robust.judge)
 
     @cached_property
     def earlier(self) -> Earlier | None:
@@ -322,7 +222,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     @cached_property
     def found(self) -> tuple[dict[str, Solved], list[float]]:
         """Optima of all stages by name, and the coarse objectives of all starts."""
-        return search(self, self.report)
+        return search(self, self.earlier, self.report)
 
     def solve(self) -> dict[str, Optimum]:
         """Solve with relaxed contact, then with arcs that end at switches, then with phases."""
@@ -603,7 +503,7 @@ def work_of(motion: Motion) -> float:
 # -- convergence of relaxed contact ----------------------------------------------------------------
 
 
-def converge(study: OptimalCrawl, sharp: Solved, exact: Optimum, report: Report) -> Convergence:
+def converge(study: CrawlStudy, sharp: Solved, exact: Optimum, report: Report) -> Convergence:
     """Solve again with narrower laws and on finer grids, from the same local optimum."""
     smoothed, *on_grids = (one.optimum(study) for one in converging(study, sharp, report))
     best = exact.objective

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -28,10 +27,8 @@ from wormopt.model.model import Model, Output, Signal, Switch, pack
 from wormopt.systems.chain import chain, law_of
 from wormopt.systems.gears.box import GearBox
 from wormopt.systems.gears.gear import Ground
+from wormopt.systems.gears.tables import Adaptive
 from wormopt.systems.gears.walk import Supervisor
-
-if TYPE_CHECKING:
-    from wormopt.systems.gears.gait_shift import Adaptive
 
 # Threshold that is never reached, and its negative for one that always is.
 _FAR = 1e30
