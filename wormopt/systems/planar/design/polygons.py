@@ -13,9 +13,9 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial import legendre
 
 from wormopt.errors import SolveError
-from wormopt.numerics.collocation import Collocation
 from wormopt.numerics.expressions import at_rows
 from wormopt.ocp.motion import Guess
 from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim
@@ -219,14 +219,14 @@ class Steps:
     @cached_property
     def _rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of [0, 1], their weights, and the matrix of integrals up to each point."""
-        rule, parts, h = Collocation(self.points), np.arange(self.parts), 1 / self.parts
-        tau = h * (parts[:, None] + rule.tau).ravel()
-        before = np.kron(parts[:, None] > parts, np.tile(rule.B, (self.points, 1)))
-        return (
-            tau,
-            np.tile(h * rule.B, self.parts),
-            h * (before + np.kron(np.eye(self.parts), rule.A)),
-        )
+        x, w = legendre.leggauss(self.points)
+        x, w, parts, h = (x + 1) / 2, w / 2, np.arange(self.parts), 1 / self.parts
+        basis = legendre.legvander(2 * x - 1, self.points - 1)
+        up = legendre.legval(2 * x - 1, legendre.legint(np.eye(self.points), lbnd=-1)) / 2
+        one = np.linalg.solve(basis.T, up).T
+        before = np.kron(parts[:, None] > parts, np.tile(w, (self.points, 1)))
+        tau = ((parts[:, None] + x) * h).ravel()
+        return tau, np.tile(w * h, self.parts), h * (before + np.kron(np.eye(self.parts), one))
 
 
 def _regular(hessian: np.ndarray) -> np.ndarray:

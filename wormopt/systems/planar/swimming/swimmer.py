@@ -98,7 +98,7 @@ class Swimmer:
     def connection(self) -> ca.SX:
         """A(s), shape (3, n_s): the twist is A s'."""
         xx, xs, _ = self._blocks
-        return -ca.mtimes(ca.inv_minor(xx), xs)
+        return -ca.mtimes(_inverse(xx), xs)
 
     @cached_property
     def metric(self) -> ca.SX:
@@ -192,6 +192,18 @@ class Swimmer:
         """
         pairs = [pair for pair in (self.rods, self.masses) if max(pair) > 0]
         return max(1.0, max((t / n if n > 0 else np.inf) for t, n in pairs))
+
+
+def _inverse(m: ca.SX) -> ca.SX:
+    """Return the inverse of a symmetric matrix (3, 3), by cofactors."""
+
+    def minor(i: int, j: int) -> ca.SX:
+        a, b = [k for k in range(3) if k != i]
+        c, d = [k for k in range(3) if k != j]
+        return (-1) ** (i + j) * (m[a, c] * m[b, d] - m[a, d] * m[b, c])
+
+    cofactors = ca.vertcat(*(ca.horzcat(*(minor(i, j) for j in range(3))) for i in range(3)))
+    return cofactors.T / ca.dot(m[0, :], cofactors[0, :])
 
 
 # Initial panels of the quadrature, its target, and its required accuracy.
