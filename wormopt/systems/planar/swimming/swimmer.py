@@ -196,14 +196,8 @@ class Swimmer:
 
 def _inverse(m: ca.SX) -> ca.SX:
     """Return the inverse of a symmetric matrix (3, 3), by cofactors."""
-
-    def minor(i: int, j: int) -> ca.SX:
-        a, b = [k for k in range(3) if k != i]
-        c, d = [k for k in range(3) if k != j]
-        return (-1) ** (i + j) * (m[a, c] * m[b, d] - m[a, d] * m[b, c])
-
-    cofactors = ca.vertcat(*(ca.horzcat(*(minor(i, j) for j in range(3))) for i in range(3)))
-    return cofactors.T / ca.dot(m[0, :], cofactors[0, :])
+    adjoint = ca.adj(m)
+    return adjoint / (m[0, :] @ adjoint[:, 0])
 
 
 # Initial panels of the quadrature, its target, and its required accuracy.
