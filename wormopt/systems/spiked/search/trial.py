@@ -54,7 +54,7 @@ class Trial:
 
 
 class Trier:
-    """Tries orders of rest of one task, long ones with fewer arcs per phase.
+    """Tries orders of rest of one task.
 
     Climbs stop at the time `until` (monotonic clock) or after `work` each: pivots times (rows +
     columns).
@@ -77,8 +77,8 @@ class Trier:
         return float(np.median(strokes / rates)) / 2
 
     def _arcs(self, sequence: Sequence_) -> int:
-        """Arcs per phase of a first trial."""
-        if has_cost_columns(self.task):  # few arcs say little about smooth costs
+        """Arcs per phase of a first trial; few say too little about speeds and smooth costs."""
+        if self.task.objective.minimise is None or has_cost_columns(self.task):
             return _MOST_ARCS
         return max(_FEWEST_ARCS, min(_MOST_ARCS, _ARCS // len(sequence)))
 
