@@ -136,8 +136,8 @@ def test_a_border_of_existence_is_no_steady_motion():
     ("change", "message"),
     [
         ({"push": 0.0}, "push must be positive"),
-        ({"law": [Coulomb(0.1, 0.2)]}, "one friction law, or two"),
-        ({"law": "dry"}, "one friction law, or two"),
+        ({"law": [Coulomb(0.1, 0.2)]}, "law has 1 entries"),
+        ({"law": "dry"}, "not a friction law"),
         ({"cosines": (1.0, math.inf)}, "finite numbers"),
     ],
 )
