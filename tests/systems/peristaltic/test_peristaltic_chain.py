@@ -339,6 +339,16 @@ def test_a_load_that_takes_the_worm_along_is_warned_of():
     assert "drags the worm" in result.trust["warnings"][0]
 
 
+@pytest.mark.parametrize(("coefficient", "settled"), [(1e-4, False), (0.1, True)])
+def test_a_worm_that_still_gathers_speed_is_warned_of(coefficient: float, settled: bool):
+    """Its mass over its drag is 19 s and 0.02 s, and it is simulated for 2 s."""
+    ground = f"ground={{kind='drag', coefficient={coefficient}, exponent=-1.0}}"
+    changes = ["want=[]", "worm.segments=3", "wave.on=1", ground]
+    told = wo.run(load_scene("fig28_peristaltic_wave", changes)).trust["warnings"]
+    assert [text for text in told if "has not settled" in text] == ([] if settled else told)
+    assert len(told) == (not settled)
+
+
 def test_ordinary_rubber_does_not_move_and_says_why():
     rubber = ["worm.shear_modulus=3.33e5", "worm.wall=5e-4", "worm.segments=2", "wave.on=1"]
     result = wo.run(load_scene("peristaltic_tube", SHORT + rubber))

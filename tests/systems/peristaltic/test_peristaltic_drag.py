@@ -194,6 +194,13 @@ def test_hardly_any_drag_of_length_fails_and_says_what_to_write():
     assert "not resolve the solution; write a drag.exponent farther from 0" in found.reason
 
 
+@pytest.mark.slow
+def test_steep_drag_agrees_with_its_equations():
+    """Its lengths need polynomials of a higher degree."""
+    found = solved("drag.exponent=-3", "worm.segments=2")
+    assert found.status == "ok", found.reason
+
+
 def test_ways_as_small_as_efforts_are_found_as_sharply():
     aim = DragAim(2, 0.1, "strain_rate", 1e-4, mean=1.0)
     motion = best_gait(aim, Mesh.even(1, 12, Collocation(8, "legendre"), 7), 1e-9)[0].motion
