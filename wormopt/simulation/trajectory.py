@@ -11,7 +11,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.labelled import SampledMotion
 from wormopt.model.schedule import Schedule
-from wormopt.numerics.expressions import at_columns
+from wormopt.numerics.expressions import at_rows
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import KINDS
 from wormopt.simulation.variation import Directions, variation
@@ -382,8 +382,8 @@ class Trajectory(SampledMotion):
             t, x = self.time[k : k + _CHUNK], self.states[:, k : k + _CHUNK]
             p = self.system.scheduled(self.p, self.schedules, t)
             more = [one[:, k : k + _CHUNK] for one in further]
-            values = at_columns(function, t[None, :], x, p, self.s_at(t), *more)
-            found[:, k : k + _CHUNK] = values
+            columns = (t[None], x, p, self.s_at(t), *more)
+            found[:, k : k + _CHUNK] = at_rows(function, *(one.T for one in columns))[0].T
         return found
 
     def stick_intervals(self) -> list[tuple[str, float, float]]:
