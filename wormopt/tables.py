@@ -311,11 +311,9 @@ def _filled(row: list[str]) -> int:
 def _names_and_units(
     head: Row | None, remarks: list[tuple[int, str]], rows: list[Row], time: str
 ) -> tuple[Row | None, list[str]]:
-    """Names of the columns, and cells of a line that contains only their units, [] without one.
-
-    `head` is the line of words above the numbers. A remark may contain the names, as written by
-    NumPy, if `head` is only a title or units; or the units of the names in `head`.
-    """
+    """Names of the columns, and cells of a line that contains only their units, [] without one."""
+    # `head` is the line of words above the numbers. A remark may contain the names, as written by
+    # NumPy, if `head` is only a title or units; or the units of the names in `head`.
     found = [] if not rows else _remarks_of_cells(remarks, rows[0])
     names = [row for row in found if not _all_units(row[1]) and (not time or _has(row[1], time))]
     head = head or next(iter(names), None)

@@ -103,11 +103,9 @@ def without_shifts(matrices: Matrices) -> tuple[Matrices, int]:
 
 
 def _row_full(matrices: Matrices, rank: _Rank) -> Matrices:
-    """Equivalent system whose D has full row rank: outputs of higher relative degree drop out.
-
-    An output without feed-through must stay zero, which constrains states; its rate must be 0 too,
-    and is an output of the reduced system. Each round removes one order of infinite zeros.
-    """
+    """Equivalent system whose D has full row rank: outputs of higher relative degree drop out."""
+    # An output without feed-through must stay zero, which constrains states; its rate must be 0
+    # too, and is an output of the reduced system. Each round removes one order of infinite zeros.
     a, b, c, d = matrices
     while True:
         through, left, _ = rank.split(d)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.fitting.estimate import Attempt, Fit
 from wormopt.fitting.information import held_at, offset_of, triangle
 from wormopt.fitting.noise import noise_of, unexplained
-from wormopt.fitting.stretches import lifted, states_read
+from wormopt.fitting.stretches import Lifted, lifted, states_read
 from wormopt.fitting.task import FitTask, Shooting
 from wormopt.fitting.unknowns import Coordinate
 from wormopt.progress import Report, silent
@@ -85,19 +84,7 @@ class Descent:
         return float(self.residuals @ self.residuals) / 2
 
 
-class Squares(Protocol):
-    """Residuals whose sum of squares is minimised."""
-
-    @property
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest coordinates."""
-        ...
-
-    def residuals(self, theta: np.ndarray, /) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals and their Jacobian; SolveError if the motion fails."""
-        ...
-
-
+Squares = FitTask | Lifted  # residuals whose sum of squares is minimised
 Seen = Callable[[Descent], None]
 
 
@@ -128,10 +115,8 @@ def descend(
 
 
 def _region(task: Squares, begin: Descent, seen: Seen, rough: bool) -> Descent:
-    """Use SciPy's trust region; points that cannot be simulated are rejected.
-
-    Coordinates at a bound stay there.
-    """
+    """Use SciPy's trust region; points that cannot be simulated are rejected."""
+    # Coordinates at a bound stay there.
     from scipy.optimize import least_squares
 
     free = ~_held(task, begin)

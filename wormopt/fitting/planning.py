@@ -305,10 +305,8 @@ class _Search:
         return min(value, end)
 
     def _settled(self, chosen: np.ndarray) -> np.ndarray:
-        """Move off kinks, at which masses begin to stick, within the expected errors.
-
-        Searches end at them: the criterion jumps there, and derivatives are one-sided.
-        """
+        """Move off kinks, at which masses begin to stick, within the expected errors."""
+        # Searches end at them: the criterion jumps there, and derivatives are one-sided.
         if departure(self.experiment, chosen) <= _LINEAR:
             return chosen
         rng = np.random.default_rng(0)

@@ -215,10 +215,8 @@ def _basis(columns: np.ndarray) -> np.ndarray:
 
 
 def _judged(r: np.ndarray, effects: np.ndarray, taken: np.ndarray) -> tuple[float, np.ndarray]:
-    """Squares of the residuals over their covariance, and the standard deviation of each (rows,).
-
-    Residuals are noise and `effects` times unit normals, without their part in `taken`.
-    """
+    """Squares of the residuals over their covariance, and the deviation of each (rows,)."""
+    # Residuals are noise and `effects` times unit normals, without their part in `taken`.
     r = r - taken @ (taken.T @ r)
     effects = effects - taken @ (taken.T @ effects)
     inner = np.eye(effects.shape[1]) + effects.T @ effects

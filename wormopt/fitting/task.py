@@ -186,10 +186,8 @@ class Shooting:
 
     @cached_property
     def _matrices(self) -> dict[str, np.ndarray | None]:
-        """For each signal its matrix by the states, None if there is none.
-
-        A product takes a tenth of the time of evaluating expressions; link lengths are common.
-        """
+        """For each signal its matrix by the states, None if there is none."""
+        # A product takes a tenth of the time of evaluating expressions; link lengths are common.
         return {name: _matrix(self.model, name) for name in self.run.readings}
 
     def derivatives(self, theta: np.ndarray) -> tuple[Trajectory, dict[str, np.ndarray]]:

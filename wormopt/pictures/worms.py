@@ -172,10 +172,8 @@ def _labels(result: Result, dims: tuple[str, ...]) -> list[str]:
 
 
 def _slope(result: Result) -> tuple[float, float]:
-    """Angle of the ground, rad, and the load that pulls in addition.
-
-    A load alone is a slope if possible: a weight in SI units determines an angle.
-    """
+    """Angle of the ground, rad, and the load that pulls in addition."""
+    # A load alone is a slope if possible: a weight in SI units determines an angle.
     raw = json.loads(result.scene_text or "{}")
     worm = raw.get("worm")
     slope, load, mass = (

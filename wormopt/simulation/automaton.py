@@ -96,10 +96,8 @@ class Layer:
 
 
 def _cubics(step: Step) -> np.ndarray:
-    """States at the samples by the cubics through the ends of a step.
-
-    Stages within a dip may distort the step's own polynomial.
-    """
+    """States at the samples by the cubics through the ends of a step."""
+    # Stages within a dip may distort the step's own polynomial.
     s, rise = _SAMPLES[:, None], step.x_new - step.x
     first, last = step.h * step.dx, step.h * step.dx_new
     bend = 3 * rise - 2 * first - last + s * (first + last - 2 * rise)
@@ -347,11 +345,9 @@ class _Motion:
         return np.split(states, len(self._task.system.model.switches))[k].copy()
 
     def _cross(self, k: int, near: Near) -> None:
-        """Fire all switches that must fire together with the crossed switch `k`.
-
-        If several guards are 0 or jump at once, the first choice of these switches is taken after
-        which the motion leaves all their guards.
-        """
+        """Fire all switches that must fire together with the crossed switch `k`."""
+        # If several guards are 0 or jump at once, the first choice of these switches is taken after
+        # which the motion leaves all their guards.
         watch, t = self._watch, self._t
         choices = list(_choices(watch.at_guard(t, self._x, near)[:_TOGETHER]))
         for leaves, choice in product((FALLS, -FALLS), choices):  # rather than staying there

@@ -188,11 +188,9 @@ class System:
 
     @cached_property
     def _pushes(self) -> ca.SX:
-        """States in addition to the model's: time integrals of forces on resting contacts.
-
-        They exist if the forces depend on time. While everything rests, step control would not
-        otherwise see that forces change.
-        """
+        """States in addition to the model's: time integrals of forces on resting contacts."""
+        # They exist if the forces depend on time. While everything rests, step control would not
+        # otherwise see that forces change.
         driven = self.exact and ca.depends_on(self._free_acceleration, self.model.t)
         return ca.SX.sym("push", len(self.row_contact) if driven else 0)  # type: ignore[no-any-return]
 
@@ -380,11 +378,9 @@ class System:
 
     @property
     def _redundant(self) -> bool:
-        """Whether contacts on lines have fewer degrees of freedom than forces in every state.
-
-        Forces without effect count only if they do no work either: contacts with different
-        velocities, such as prescribed ones, do not rest at once.
-        """
+        """Whether contacts on lines have fewer degrees of freedom than forces in every state."""
+        # Forces without effect count only if they do no work either: contacts with different
+        # velocities, such as prescribed ones, do not rest at once.
         acted_on = np.delete(np.arange(len(self.contacts)), self.prescribed).tolist()
         matrix, velocity = self.delassus[acted_on, acted_on], self._velocity[acted_on]
         held = ca.vertcat(*ca.symvar(matrix))

@@ -16,7 +16,7 @@ from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -45,49 +45,6 @@ def never_rests(contact: Contact) -> bool:
 def weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
     """First or second, for weight 1 or 0."""
     return weight * a + (1 - weight) * b
-
-
-class Grip(Protocol):
-    """One contact, or several with equal laws, and their modes."""
-
-    contacts: list[int]
-    rows: list[int]
-    rests: ca.SX  # row by row 1 or 0
-
-    @property
-    def slip(self) -> ca.SX:
-        """Forces while they slide."""
-        ...
-
-    def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
-        """Forces on contacts that act on no other.
-
-        Arguments: accelerations without force, and acceleration by force of each component.
-        """
-        ...
-
-    def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows of the equations for all forces, and their right-hand side.
-
-        `response`: their rows of the Delassus matrix.
-        """
-        ...
-
-    def gives(self, rest: float, onset: float) -> ca.SX:
-        """Diagonal block of compliance, at rest and in onset across the direction."""
-        ...
-
-    @property
-    def begun(self) -> ca.SX:
-        """Force of sliding in onset, else 0."""
-        ...
-
-    def deciding(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
-        """Velocity, acceleration, force, least and largest force by which modes are decided.
-
-        `own`: acceleration by force of each of their components.
-        """
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,14 +77,14 @@ class LineGrip:
         return ca.SX(self.law.smooth(self.velocity, v_reg))
 
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
-        """Forces on contacts that act on no other."""
+        """Forces on contacts that act on no other, from free accelerations."""
         if self.prescribed:
             return self.slip
         choose = ca.if_else if self.geared else weighted  # avoids multiplying by infinity
         return choose(self.mode**2, self.slip, -free / response)
 
     def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows of the equations for all forces, and their right-hand side."""
+        """Rows of the equations for all forces, and right-hand side; `response`: Delassus rows."""
         slides = ca.SX.ones(len(self.rows)) if self.prescribed else self.mode**2
         matrix = ca.repmat(1 - slides, 1, response.size2()) * response
         for k, row in enumerate(self.rows):
@@ -385,7 +342,7 @@ class Grips:
         return found
 
     def deciding(self, acceleration: ca.SX, forces: ca.SX, delassus: ca.SX) -> ca.SX:
-        """Values that decide modes: five columns, see `Grip.deciding`, one below the other."""
+        """Values that decide modes: five columns, see `LineGrip.deciding`, one below the other."""
         columns = [
             g.deciding(acceleration[g.rows], forces[g.rows], delassus[g.rows, g.rows])
             for g in self.each
@@ -461,10 +418,8 @@ class _Several:
         return self._each(self.law.smooth(one, width), (one, v), (width, v_reg))
 
     def _each(self, expression: Expression, *given: tuple[ca.SX, Expression]) -> ca.SX:
-        """Insert the values of each, and arguments for symbols: a column, or one for all.
-
-        Other symbols, such as those of a law that is no dataclass, are the same for all.
-        """
+        """Insert the values of each, and arguments for symbols: a column, or one for all."""
+        # Other symbols, such as those of a law that is no dataclass, are the same for all.
         count, symbols = self.numbers.size2(), [self.symbols, *(symbol for symbol, _ in given)]
         others = ca.Function("law", symbols, [expression], {"allow_free": True}).free_sx()
         function = ca.Function("law", [*symbols, ca.vertcat(*others)], [expression])

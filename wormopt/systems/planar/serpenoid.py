@@ -81,11 +81,9 @@ def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> f
 
 
 def _quarter(alpha: float, rho: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return phases over a quarter wave and weights of a mean, on ever shorter panels to 0.
-
-    Near 0, where the tangent is along the direction of motion, dry friction changes direction
-    within a phase of alpha / rho.
-    """
+    """Return phases over a quarter wave and weights of a mean, on ever shorter panels to 0."""
+    # Near 0, where the tangent is along the direction of motion, dry friction changes direction
+    # within a phase of alpha / rho.
     panels = _PANELS + max(0, int(np.log2(max(1.0, rho) / alpha)))
     ends = np.append(0.0, 0.5 ** np.arange(panels, -1, -1))
     rule = Collocation(_DEGREE)

@@ -496,11 +496,9 @@ def _closed(
 
 
 def _tied(aim: PlanarAim, corners: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Set corners onto limits and sides that change one variable alone, where they nearly are.
-
-    Also return the matrix from free changes to those of all values: values on a limit stay there,
-    and values equal at both ends of a side stay equal.
-    """
+    """Set corners onto limits and sides that change one variable alone, where they nearly are."""
+    # Also return the matrix from free changes to those of all values: values on a limit stay there,
+    # and values equal at both ends of a side stay equal.
     corners, (low, high) = corners.copy(), aim.ranges.T
     near = share * (high - low)
     k, n_s = corners.shape

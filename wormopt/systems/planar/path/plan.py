@@ -167,11 +167,9 @@ def _key(task: PathTask, node: _Node, cell: tuple[float, float]) -> tuple[int, .
 def _bound(
     task: PathTask, library: Library, capture: Tolerance, costs: np.ndarray, moves: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return lower bounds (m,) of the cost from poses (m, 3) to the goal.
-
-    Every mass has a distance to go, and no step moves it farther per cost than the best one does.
-    The same holds for the heading.
-    """
+    """Return lower bounds (m,) of the cost from poses (m, 3) to the goal."""
+    # Every mass has a distance to go, and no step moves it farther per cost than the best one does.
+    # The same holds for the heading.
     rest = np.vstack([[0.0, 0.0], library.rest])
     ends = np.array([compose(move, _lifted(rest))[:, :2] for move in moves])
     ways = np.linalg.norm(ends - rest, axis=-1)

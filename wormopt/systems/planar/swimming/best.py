@@ -155,11 +155,9 @@ def middle_of(shape: Shape) -> tuple[ca.SX, ca.SX]:
 
 
 def _calm(swimmer: Swimmer, reach: float, middle: np.ndarray) -> Swimmer:
-    """Return the body in the frame whose place p and angle b, polynomials of s, minimise A.
-
-    In this frame the twist is w + grad b and R(-b)(V + w J p + grad p) for any shape rates. These
-    are two least-squares problems at Gauss points, the second with the connection's own w.
-    """
+    """Return the body in the frame whose place p and angle b, polynomials of s, minimise A."""
+    # In this frame the twist is w + grad b and R(-b)(V + w J p + grad p) for any shape rates. These
+    # are two least-squares problems at Gauss points, the second with the connection's own w.
     x, weight = legendre.leggauss(_NODES)
     u, v = (grid.ravel() for grid in np.meshgrid(x, x, indexing="ij"))
     root = np.sqrt(np.outer(weight, weight).ravel())
@@ -527,11 +525,9 @@ def best_stroke(
 
 
 def _single_loop(aim: StrokeAim, problem: Problem, mesh: Mesh, first: Harmonics) -> Optimum:
-    """Return the best stroke from a first one; if it repeats a shorter loop, that from the loop.
-
-    Repetition does not change the efficiency and multiplies the distance, so neither mesh errors
-    nor the objective may choose it.
-    """
+    """Return the best stroke from a first one; if it repeats a shorter loop, that from the loop."""
+    # Repetition does not change the efficiency and multiplies the distance, so neither mesh errors
+    # nor the objective may choose it.
     begin: Harmonics | None = first
     for _ in range(_TRIES):
         optimum = optimise(problem, mesh, FixedModes(), _guess(aim, begin), solver=_SOLVER)

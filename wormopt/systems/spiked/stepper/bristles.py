@@ -169,11 +169,9 @@ def _ramps(begin: np.ndarray, sign: np.ndarray, settle_time: float, t: np.ndarra
 
 
 def _period_map(spans: np.ndarray, slip: float) -> np.ndarray:
-    """Matrix over (max, +) from the held positions to those a period later.
-
-    After a move the worm is at x_0 = max_k (S_k + h_k), and h_i becomes
-    max(h_i, x_0 - S_i - slip).
-    """
+    """Matrix over (max, +) from the held positions to those a period later."""
+    # After a move the worm is at x_0 = max_k (S_k + h_k), and h_i becomes max(h_i, x_0 - S_i -
+    # slip).
     masses = len(spans)
     whole = np.where(np.eye(masses, dtype=bool), 0.0, -np.inf)
     for first in range(0, spans.shape[1], _BATCH):
