@@ -389,13 +389,7 @@ class LinearModel:
         return without_shifts(self._matrices)[0]
 
     def to_control(self) -> Any:
-        """Make a control.StateSpace of it, with names, for python-control's own tools.
-
-        Returns
-        -------
-        control.StateSpace
-
-        """
+        """Make a control.StateSpace of it, with names, for python-control's own tools."""
         return import_control().ss(
             *self._matrices,
             name=self.name,

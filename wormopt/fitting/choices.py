@@ -37,16 +37,12 @@ class Choice(ABC):
         """Number of chosen values."""
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Draw numbers at random; changes over time are as large as their limits allow.
+        """Draw numbers (size,) at random; changes over time are as large as their limits allow.
 
         Parameters
         ----------
         rng : Generator
             Generator of random numbers.
-
-        Returns
-        -------
-        ndarray, shape (size,)
         """
         chosen = rng.uniform(-1.0, 1.0, self.size)
         if not self.moving:
@@ -55,7 +51,7 @@ class Choice(ABC):
         return self.shrunk(chosen, 1 / float(shares.max()))
 
     def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Take a share of the changes over time from the base; constant parts stay.
+        """Take a share of the changes over time from the base, (size,); constant parts stay.
 
         Parameters
         ----------
@@ -63,10 +59,6 @@ class Choice(ABC):
             Chosen values, from -1 to 1.
         share : float
             Remaining share.
-
-        Returns
-        -------
-        ndarray, shape (size,)
         """
         return np.append(share * chosen[: self.moving], chosen[self.moving :])
 
@@ -78,10 +70,6 @@ class Choice(ABC):
         ----------
         model : Model
             With the signal among its inputs or parameters.
-
-        Returns
-        -------
-        Model
         """
 
     @abstractmethod
@@ -115,7 +103,7 @@ class Choice(ABC):
 
     @abstractmethod
     def over_time(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Evaluate the signal.
+        """Evaluate the signal: (entries, m).
 
         Parameters
         ----------
@@ -123,10 +111,6 @@ class Choice(ABC):
             Chosen values, from -1 to 1.
         time : ndarray, shape (m,)
             Times.
-
-        Returns
-        -------
-        ndarray, shape (entries, m)
         """
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
@@ -136,10 +120,6 @@ class Choice(ABC):
         ----------
         chosen : ndarray, shape (size,)
             Chosen values, from -1 to 1.
-
-        Returns
-        -------
-        dict of str to float
         """
         return {}
 

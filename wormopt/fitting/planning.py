@@ -111,10 +111,6 @@ class Plan:
         ----------
         other : Knowledge
             Knowledge to compare with, such as that after a rival's run.
-
-        Returns
-        -------
-        float
         """
         power = len(self.criterion.rows) if self.criterion.kind == "D" else 1
         return float(np.exp(power * (self.criterion(other) - self.value)))

@@ -126,10 +126,6 @@ class Schedule:
         ----------
         t : float
             Time.
-
-        Returns
-        -------
-        float
         """
         begin, piece = self.locate(np.array([t]))
         if not self.periodic and piece[0] + 1 == self.pieces:

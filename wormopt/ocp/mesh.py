@@ -93,10 +93,6 @@ class Mesh:
             Scheme and degree.
         input_degree : int, optional
             Degree of the inputs.
-
-        Returns
-        -------
-        Mesh
         """
         plain = cls(phases, arcs, collocation, input_degree)
         return replace(plain, shares=tuple(1 / n for n in plain.counts for _ in range(n)))
@@ -117,10 +113,6 @@ class Mesh:
             Scheme and degree.
         input_degree : int, optional
             Degree of the inputs.
-
-        Returns
-        -------
-        Mesh
 
         Raises
         ------

@@ -372,10 +372,6 @@ class MoreauJean:
         report : callable, optional
             Receives the progress.
 
-        Returns
-        -------
-        StepRecord
-
         Raises
         ------
         ArgumentError
@@ -445,10 +441,6 @@ class MoreauJean:
         ----------
         x0, numbers : ndarray
             As for `stable_step`.
-
-        Returns
-        -------
-        float
         """
         return _SAFE * self.stable_step(x0, numbers)
 

@@ -295,10 +295,6 @@ class Trajectory(SampledMotion):
         t : ndarray, shape (m,)
             Times, ascending.
 
-        Returns
-        -------
-        Trajectory
-
         Raises
         ------
         ArgumentError
@@ -348,21 +344,17 @@ class Trajectory(SampledMotion):
         return self.modes[np.maximum(row, 0), 1:].T
 
     def observe(self, expression: ca.SX) -> np.ndarray:
-        """Value of any expression of the model's symbols at the sample times.
+        """Value (k, m) of any expression of the model's symbols at the sample times.
 
         Parameters
         ----------
         expression : casadi.SX
             Column of k entries; it may contain contact forces.
-
-        Returns
-        -------
-        ndarray, shape (k, m)
         """
         return self.values(self.system.observe(expression))
 
     def values(self, function: ca.Function, *further: np.ndarray) -> np.ndarray:
-        """Values of a function of `System.observe` at the sample times.
+        """Values (k, m) of a function of `System.observe` at the sample times.
 
         In groups of samples, since parameters are repeated for each.
 
@@ -372,10 +364,6 @@ class Trajectory(SampledMotion):
             Function of (t, x, p, s), with one column as its result.
         *further : ndarray, shape (any, m)
             Arguments of the function after these, at the sample times.
-
-        Returns
-        -------
-        ndarray, shape (k, m)
         """
         found = np.empty((function.numel_out(0), len(self.time)))
         for k in range(0, len(self.time), _CHUNK):

@@ -165,10 +165,6 @@ class Swimmer:
             Origin of that frame in the present one, by the shape.
         angle : casadi.SX
             Rotation of that frame to the left, in rad.
-
-        Returns
-        -------
-        Swimmer
         """
         shape = self.shape
         columns = [turned(-angle, shape.points[:, i] - place) for i in range(shape.n_points)]
@@ -189,10 +185,6 @@ class Swimmer:
         ----------
         shapes : ndarray, shape (m, n_s)
             Shapes of the stroke.
-
-        Returns
-        -------
-        float
         """
         shortest = np.asarray(self.lengths(np.atleast_2d(shapes).T)).min(axis=1)
         return float(self.rods[0] * shortest.sum() + self.masses[0] * self.shape.n_points)
@@ -296,10 +288,6 @@ class Swim:
         ----------
         duration : float
             Duration of the stroke.
-
-        Returns
-        -------
-        float
         """
         if not duration > 0:
             raise ArgumentError(f"duration must be above 0, not {duration}")
