@@ -433,21 +433,11 @@ def edges(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Animation:
-    """A picture that moves: a stage that stays, and what is drawn on its first panel per frame.
+    """A picture that moves: a stage that stays, and what is drawn on its first panel per frame."""
 
-    Parameters
-    ----------
-    frames : int
-        Number of frames.
-    stage : callable
-        Makes the page.
-    pose : callable
-        Draws a frame, 0 to ``frames - 1``, on the panel.
-    """
-
-    frames: int
-    stage: Callable[[Result], Page]
-    pose: Callable[[Panel, int], None]
+    frames: int  # number of frames
+    stage: Callable[[Result], Page]  # makes the page
+    pose: Callable[[Panel, int], None]  # draws a frame, 0 to ``frames - 1``, on the panel
 
     def __call__(self, result: Result) -> Figure:
         drawn = self.stage(result).drawn

@@ -275,26 +275,13 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class PlanarDesign:
-    """Result of `design_stroke`: a gait or path by its exact motion, a local optimum.
+    """Result of `design_stroke`: a gait or path by its exact motion, a local optimum."""
 
-    Parameters
-    ----------
-    aim : PlanarAim
-        The objective.
-    corners : ndarray, shape (k, n_s)
-        Corners of the shape variables, joined by straight sides.
-    displacement : ndarray, shape (3,)
-        x, y and angle of the head after a cycle, in its frame before.
-    work : float
-        Work dissipated per cycle; on linear drag, in `duration` at constant power.
-    tried : tuple of float
-        Objective reached from every start, like `value`; NaN if none.
-    """
-
-    aim: PlanarAim
-    corners: np.ndarray
-    displacement: np.ndarray
-    work: float
+    aim: PlanarAim  # the objective
+    corners: np.ndarray  # (k, n_s) corners of the shape variables, joined by straight sides
+    displacement: np.ndarray  # (3,) x, y and angle of the head after a cycle, in its frame before
+    work: float  # work dissipated per cycle; on linear drag, in `duration` at constant power
+    # objective reached from every start, like `value`; NaN if none
     tried: tuple[float, ...] = field(default=())
 
     @property

@@ -28,23 +28,14 @@ _ODD, _APART = 1.00371, 1e-9
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """Options of a search.
+    """Options of a search."""
 
-    Parameters
-    ----------
-    cost : {"steps", "work", "time"}, optional
-        Quantity to minimise.
-    cell : (float, float), optional
-        Length and angle of cells in which only the cheapest pose is kept. The result is then the
-        best of the library, except paths through poses beside a cheaper one in their cell. With
-        (0, 0) the search is exact, but long searches do not end.
-    most : int, optional
-        Number of poses after which the search stops.
-    """
-
-    cost: Cost = "steps"
+    cost: Cost = "steps"  # quantity to minimise
+    # length and angle of cells in which only the cheapest pose is kept. The result is then the best
+    # of the library, except paths through poses beside a cheaper one in their cell. With (0, 0) the
+    # search is exact, but long searches do not end
     cell: tuple[float, float] = (0.0, 0.0)
-    most: int = 200_000
+    most: int = 200_000  # number of poses after which the search stops
 
 
 @dataclass(frozen=True)
@@ -346,36 +337,16 @@ _ROUTES = 200  # routes whose amplitudes are optimised before the plan stops
 
 @dataclass(frozen=True, eq=False)
 class PlannedPath:
-    """Result of `plan_path`: successive steps that lead to a goal without contact.
+    """Result of `plan_path`: successive steps that lead to a goal without contact."""
 
-    Parameters
-    ----------
-    task : PathTask
-        The task.
-    library : Library
-        Library of the steps.
-    steps : tuple of GaitStep
-        The steps, with their final amplitudes.
-    poses : ndarray, shape (m + 1, 3)
-        Poses before the first step and after each.
-    route : Route
-        Result of the search, before amplitudes change.
-    looked : Looked
-        Progress of the search.
-    tried : int
-        Number of routes whose amplitudes were optimised.
-    room : float
-        Least distance from anything, less radius and clearance, over all instants.
-    """
-
-    task: PathTask
-    library: Library
-    steps: tuple[GaitStep, ...]
-    poses: np.ndarray
-    route: Route
-    looked: Looked
-    tried: int
-    room: float
+    task: PathTask  # the task
+    library: Library  # library of the steps
+    steps: tuple[GaitStep, ...]  # the steps, with their final amplitudes
+    poses: np.ndarray  # (m + 1, 3) poses before the first step and after each
+    route: Route  # result of the search, before amplitudes change
+    looked: Looked  # progress of the search
+    tried: int  # number of routes whose amplitudes were optimised
+    room: float  # least distance from anything, less radius and clearance, over all instants
 
     def cost(self, kind: Cost) -> float:
         """Return the total number of steps, work or time."""

@@ -39,18 +39,10 @@ _DEGREE, _NODES = 14, 24
 
 @dataclass(frozen=True, eq=False)
 class Heights:
-    """Result of `heights`: curvature of a connection over two shape variables.
+    """Result of `heights`: curvature of a connection over two shape variables."""
 
-    Parameters
-    ----------
-    swimmer : Swimmer
-        The body, in the frame.
-    frame : {"head", "middle", "calm"}
-        The frame.
-    """
-
-    swimmer: Swimmer
-    frame: Frame
+    swimmer: Swimmer  # the body, in the frame
+    frame: Frame  # the frame
 
     def at(self, s: ArrayLike) -> np.ndarray:
         """Return displacement forward, to the left, and turn (m, 3), per area of a loop at `s`."""
@@ -239,21 +231,12 @@ _MOST_LOOPS, _REPEATED, _TRIES = 8, 1e-2, 3
 
 @dataclass(frozen=True, eq=False)
 class StrokeAim:
-    """A body on viscous ground, and the objective of its stroke.
+    """A body on viscous ground, and the objective of its stroke."""
 
-    Parameters
-    ----------
-    swimmer : Swimmer
-        The body.
-    lower, upper : ndarray, shape (n_s,)
-        Limits of the shape variables.
-    maximise : {"efficiency", "distance"}, optional
-        Objective, for strokes without net turn: towing work over work, or the distance.
-    """
-
-    swimmer: Swimmer
-    lower: np.ndarray
-    upper: np.ndarray
+    swimmer: Swimmer  # the body
+    lower: np.ndarray  # (n_s,) lower limits of the shape variables
+    upper: np.ndarray  # (n_s,) upper limits of the shape variables
+    # objective, for strokes without net turn: towing work over work, or the distance
     maximise: Aim = "efficiency"
 
     def __post_init__(self) -> None:
@@ -416,27 +399,13 @@ class MotionStroke:
 
 @dataclass(frozen=True, eq=False)
 class BestStroke:
-    """Result of `best_stroke`: the best stroke from several starts, a local optimum.
+    """Result of `best_stroke`: the best stroke from several starts, a local optimum."""
 
-    Parameters
-    ----------
-    optimum : Optimum
-        The numerical solution.
-    value : float
-        Efficiency, or distance, by quadrature.
-    tried : tuple of float
-        The same from every start, NaN if none was found.
-    stroke : MotionStroke
-        The stroke over phases.
-    harmonics : Harmonics
-        The stroke as a sum of harmonics.
-    """
-
-    optimum: Optimum
-    value: float
-    tried: tuple[float, ...]
-    stroke: MotionStroke = field(repr=False)
-    harmonics: Harmonics = field(repr=False)
+    optimum: Optimum  # the numerical solution
+    value: float  # efficiency, or distance, by quadrature
+    tried: tuple[float, ...]  # the same from every start, NaN if none was found
+    stroke: MotionStroke = field(repr=False)  # the stroke over phases
+    harmonics: Harmonics = field(repr=False)  # the stroke as a sum of harmonics
 
     @property
     def motion(self) -> Motion:

@@ -225,36 +225,18 @@ STRAIGHT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Swim:
-    """Result of `swim`: the effect of one stroke.
+    """Result of `swim`: the effect of one stroke."""
 
-    Parameters
-    ----------
-    displacement : ndarray, shape (3,)
-        Displacement and rotation of the body's frame, in the frame at the start.
-    length : float
-        Length of the stroke in the metric of power: in time T the work is at least length^2 / T.
-    phase : ndarray, shape (m,)
-        Phases of the following arrays.
-    shapes : ndarray, shape (m, n_s)
-        Shapes.
-    poses : ndarray, shape (m, 3)
-        Poses of the frame, from the start.
-    travelled : ndarray, shape (m,)
-        Length of the stroke up to the phase.
-    drag : float
-        Towing force of the straight body over velocity.
-    error : float
-        Change of displacement and length when panels were halved.
-    """
-
+    # (3,) displacement and rotation of the body's frame, in the frame at the start
     displacement: np.ndarray
+    # length of the stroke in the metric of power: in time T the work is at least length^2 / T
     length: float
-    phase: np.ndarray
-    shapes: np.ndarray
-    poses: np.ndarray
-    travelled: np.ndarray
-    drag: float
-    error: float
+    phase: np.ndarray  # (m,) phases of the following arrays
+    shapes: np.ndarray  # (m, n_s) shapes
+    poses: np.ndarray  # (m, 3) poses of the frame, from the start
+    travelled: np.ndarray  # (m,) length of the stroke up to the phase
+    drag: float  # towing force of the straight body over velocity
+    error: float  # change of displacement and length when panels were halved
 
     @property
     def distance(self) -> float:
