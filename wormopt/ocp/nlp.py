@@ -177,6 +177,7 @@ class Solution:
     # s in functions by their CasADi names, such as nlp_hess_l
     functions_s: Mapping[str, float] = field(default_factory=dict)
     build_s: float = 0.0  # s to make the solver; 0 if it is cached
+    level: float = 0.0  # of a homotopy: width or relaxation; 0 for prescribed modes
     # (n_g,) of the constraints: below 0 at lower bounds, above 0 at upper ones
     multipliers: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
