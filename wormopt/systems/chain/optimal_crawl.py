@@ -561,8 +561,10 @@ def _slope(over: np.ndarray, errors: np.ndarray) -> float:
 
 
 def _last_step(values: np.ndarray) -> float:
-    """Estimate the error of a sequence without the exact answer: twice its larger last step."""
-    # A switch may lie well in one grid by chance, so two steps count.
+    """Estimate the error of a sequence without the exact answer: twice its larger last step.
+
+    A switch may lie well in one grid by chance, so two steps count.
+    """
     return 2 * float(np.abs(np.diff(values[-3:])).max())
 
 

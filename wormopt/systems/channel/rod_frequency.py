@@ -588,8 +588,10 @@ def _fastest(points: list[RodPoint]) -> RodPoint:
 
 
 def _again(motion: RodMotion) -> RodMotion:
-    """Return a motion three times as long; its mean leaves out the part by which it was chosen."""
-    # The fastest of irregular motions was fast by chance in part.
+    """Return a motion three times as long, whose mean leaves out the part by which it was chosen.
+
+    The fastest of irregular motions was fast by chance in part.
+    """
     settle = max(motion.time.settle, 1 / 3)
     return motion.varied(time={"end": 3 * motion.end, "settle": settle})
 
@@ -618,8 +620,10 @@ def _changed(motion: RodMotion, name: str, factor: float) -> tuple[float, RodMot
 
 
 def _changes(own: Sensitivity, factors: np.ndarray, points: list[RodPoint]) -> Changes:
-    """Return the velocities of `points`: for each rate the unchanged motion, then all changes."""
-    # `factors` of the changes has one row for each rate.
+    """Return the velocities of `points`: for each rate the unchanged motion, then all changes.
+
+    `factors` of the changes has one row for each rate.
+    """
     velocity, error = (
         np.reshape([getattr(point, key) for point in points], factors.shape)
         for key in ("velocity", "error")

@@ -244,14 +244,29 @@ class Phase:
 
 @dataclass(frozen=True, eq=False)
 class KinematicMotion:
-    """Result of `kinematic_motion`: the velocity follows from shape and constraints."""
+    """Result of `kinematic_motion`: the velocity follows from shape and constraints.
 
-    shape: Shape  # the body
-    stroke: Stroke  # its shape over a phase
-    phases: tuple[Phase, ...]  # constraints over the stroke
-    course: Travel  # its pose over the stroke
-    condition: float  # largest condition number of the constraints over the stroke
-    # largest residual velocity of a constraint, over the fastest one from the shape alone
+    Parameters
+    ----------
+    shape : Shape
+        The body.
+    stroke : Stroke
+        Its shape over a phase.
+    phases : tuple of Phase
+        Constraints over the stroke.
+    course : Travel
+        Its pose over the stroke.
+    condition : float
+        Largest condition number of the constraints over the stroke.
+    contradiction : float
+        Largest residual velocity of a constraint, over the fastest one from the shape alone.
+    """
+
+    shape: Shape
+    stroke: Stroke
+    phases: tuple[Phase, ...]
+    course: Travel
+    condition: float
     contradiction: float
 
     @property
@@ -431,17 +446,31 @@ Ground = PlanarLaw | Sequence[PlanarLaw | None] | None
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Forces of the ground on the masses of a body that moves without inertia."""
+    """Forces of the ground on the masses of a body that moves without inertia.
 
-    tau: np.ndarray  # (m,) phases of the stroke
-    # (m, n, 2) force on every mass along its heading and to its left. If loads are not determined,
-    # the balanced ones with the least sum of squares; NaN if none balance
+    Parameters
+    ----------
+    tau : ndarray, shape (m,)
+        Phases of the stroke.
+    force : ndarray, shape (m, n, 2)
+        Force on every mass along its heading and to its left. If loads are not determined, the
+        balanced ones with the least sum of squares; NaN if none balance.
+    determined : ndarray, shape (m,)
+        Whether balance alone determines the loads of pins and skids.
+    power : ndarray, shape (m,)
+        Power dissipated by sliding, by the phase.
+    velocity : ndarray, shape (m, n, 2)
+        Velocities of the masses along their headings and to their left, by the phase.
+    pinned : ndarray, shape (m, n)
+        Whether each mass is a pin.
+    """
+
+    tau: np.ndarray
     force: np.ndarray
-    determined: np.ndarray  # (m,) whether balance alone determines the loads of pins and skids
-    power: np.ndarray  # (m,) power dissipated by sliding, by the phase
-    # (m, n, 2) velocities of the masses along their headings and to their left, by the phase
+    determined: np.ndarray
+    power: np.ndarray
     velocity: np.ndarray
-    pinned: np.ndarray  # (m, n) whether each mass is a pin
+    pinned: np.ndarray
 
     @property
     def pin_load(self) -> float:

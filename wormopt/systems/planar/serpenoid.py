@@ -81,9 +81,11 @@ def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> f
 
 
 def _quarter(alpha: float, rho: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return phases over a quarter wave and weights of a mean, on ever shorter panels to 0."""
-    # Near 0, where the tangent is along the direction of motion, dry friction changes direction
-    # within a phase of alpha / rho.
+    """Return phases over a quarter wave and weights of a mean, on ever shorter panels to 0.
+
+    Near 0, where the tangent is along the direction of motion, dry friction changes direction
+    within a phase of alpha / rho.
+    """
     panels = _PANELS + max(0, int(np.log2(max(1.0, rho) / alpha)))
     ends = np.append(0.0, 0.5 ** np.arange(panels, -1, -1))
     rule = Collocation(_DEGREE)
@@ -154,11 +156,20 @@ class SerpenoidWave:
 
     The angle of rod j is that of the wave in its middle, a sin(2 pi (tau - (j - 1/2) / N)), with N
     rods per wave; joint angles are the differences.
+
+    Parameters
+    ----------
+    alpha : float
+        Amplitude of the tangent angle, in rad.
+    rods : int
+        Number of rods.
+    per_wave : float
+        Number of rods per wave.
     """
 
-    alpha: float  # amplitude of the tangent angle, in rad
-    rods: int  # number of rods
-    per_wave: float  # number of rods per wave
+    alpha: float
+    rods: int
+    per_wave: float
 
     def __post_init__(self) -> None:
         if self.rods < 2 or not self.per_wave > 0:

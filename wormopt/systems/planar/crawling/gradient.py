@@ -162,8 +162,10 @@ def _derivatives(shape: Shape) -> ca.Function:
 
 
 def _of_ground(ground: Ground, motion: Motion) -> tuple[np.ndarray, ...]:
-    """Return slope (G, m, 2), curvature of psi for moving masses; psi and slope by resistances."""
-    # Resistances are ordered forward, backward, sideways for each mass.
+    """Return slope (G, m, 2), curvature of psi for moving masses; psi and slope by resistances.
+
+    Resistances are ordered forward, backward, sideways for each mass.
+    """
     v, go = motion.velocities, ~motion.rest
     (G, m), ahead = go.shape, v[..., 0] >= 0
     F = np.sqrt(ground.squares(v))

@@ -162,8 +162,10 @@ def least_power(body: LeastPower) -> Held:
 
 
 def _settled(body: LeastPower, least: Held) -> Held:
-    """Return motions with masses that hardly move set at rest, if the ground can hold them."""
-    # Round-off determines the direction of a slow mass: any may seem to balance. Rest is certain.
+    """Return motions with masses that hardly move set at rest, if the ground can hold them.
+
+    Round-off determines the direction of a slow mass: any may seem to balance. Rest is certain.
+    """
     slow = ~least.rest & (body.powers(least.x) < _SLOW[-1])
     some = np.flatnonzero(slow.any(axis=1))
     if some.size:
@@ -175,9 +177,11 @@ def _settled(body: LeastPower, least: Held) -> Held:
 
 
 def _nearly(body: LeastPower, x: np.ndarray, pivoted: Held) -> Held:
-    """Return motions in which masses whose slow motion is due to round-off count as resting."""
-    # They have least power for velocities changed by as little. If that fails, the result is the
-    # best motion about a resting mass that the ground almost holds.
+    """Return motions in which masses whose slow motion is due to round-off count as resting.
+
+    They have least power for velocities changed by as little. If that fails, the result is the best
+    motion about a resting mass that the ground almost holds.
+    """
     least = held(body, x, body.powers(x) < _SLOW[0])
     bad = np.flatnonzero(~(least.balances & (least.hold <= 1 + _SLACK)))
     for slow in _SLOW[1:]:
@@ -260,8 +264,10 @@ def near(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> Held:
 
 
 def _other(body: LeastPower, found: Held, first: np.ndarray) -> np.ndarray:
-    """Return other sets of resting masses (G, m) to try."""
-    # If the search for a balance stopped, it did so at a kink: at the mass that hardly moved there.
+    """Return other sets of resting masses (G, m) to try.
+
+    If the search for a balance stopped, it did so at a kink: at the mass that hardly moved there.
+    """
     rest = found.rest
     tried, every = rest.copy(), np.arange(len(first))
     fastest = np.where(rest, first, -np.inf).argmax(axis=1)

@@ -275,13 +275,26 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class PlanarDesign:
-    """Result of `design_stroke`: a gait or path by its exact motion, a local optimum."""
+    """Result of `design_stroke`: a gait or path by its exact motion, a local optimum.
 
-    aim: PlanarAim  # the objective
-    corners: np.ndarray  # (k, n_s) corners of the shape variables, joined by straight sides
-    displacement: np.ndarray  # (3,) x, y and angle of the head after a cycle, in its frame before
-    work: float  # work dissipated per cycle; on linear drag, in `duration` at constant power
-    # objective reached from every start, like `value`; NaN if none
+    Parameters
+    ----------
+    aim : PlanarAim
+        The objective.
+    corners : ndarray, shape (k, n_s)
+        Corners of the shape variables, joined by straight sides.
+    displacement : ndarray, shape (3,)
+        x, y and angle of the head after a cycle, in its frame before.
+    work : float
+        Work dissipated per cycle; on linear drag, in `duration` at constant power.
+    tried : tuple of float
+        Objective reached from every start, like `value`; NaN if none.
+    """
+
+    aim: PlanarAim
+    corners: np.ndarray
+    displacement: np.ndarray
+    work: float
     tried: tuple[float, ...] = field(default=())
 
     @property
@@ -483,9 +496,11 @@ def _closed(
 
 
 def _tied(aim: PlanarAim, corners: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Set corners onto limits and sides that change one variable alone, where they nearly are."""
-    # Also return the matrix from free changes to those of all values: values on a limit stay there,
-    # and values equal at both ends of a side stay equal.
+    """Set corners onto limits and sides that change one variable alone, where they nearly are.
+
+    Also return the matrix from free changes to those of all values: values on a limit stay there,
+    and values equal at both ends of a side stay equal.
+    """
     corners, (low, high) = corners.copy(), aim.ranges.T
     near = share * (high - low)
     k, n_s = corners.shape

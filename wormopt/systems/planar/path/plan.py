@@ -28,14 +28,23 @@ _ODD, _APART = 1.00371, 1e-9
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """Options of a search."""
+    """Options of a search.
 
-    cost: Cost = "steps"  # quantity to minimise
-    # length and angle of cells in which only the cheapest pose is kept. The result is then the best
-    # of the library, except paths through poses beside a cheaper one in their cell. With (0, 0) the
-    # search is exact, but long searches do not end
+    Parameters
+    ----------
+    cost : {"steps", "work", "time"}, optional
+        Quantity to minimise.
+    cell : (float, float), optional
+        Length and angle of cells in which only the cheapest pose is kept. The result is then the
+        best of the library, except paths through poses beside a cheaper one in their cell. With
+        (0, 0) the search is exact, but long searches do not end.
+    most : int, optional
+        Number of poses after which the search stops.
+    """
+
+    cost: Cost = "steps"
     cell: tuple[float, float] = (0.0, 0.0)
-    most: int = 200_000  # number of poses after which the search stops
+    most: int = 200_000
 
 
 @dataclass(frozen=True)
@@ -158,9 +167,11 @@ def _key(task: PathTask, node: _Node, cell: tuple[float, float]) -> tuple[int, .
 def _bound(
     task: PathTask, library: Library, capture: Tolerance, costs: np.ndarray, moves: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return lower bounds (m,) of the cost from poses (m, 3) to the goal."""
-    # Every mass has a distance to go, and no step moves it farther per cost than the best one does.
-    # The same holds for the heading.
+    """Return lower bounds (m,) of the cost from poses (m, 3) to the goal.
+
+    Every mass has a distance to go, and no step moves it farther per cost than the best one does.
+    The same holds for the heading.
+    """
     rest = np.vstack([[0.0, 0.0], library.rest])
     ends = np.array([compose(move, _lifted(rest))[:, :2] for move in moves])
     ways = np.linalg.norm(ends - rest, axis=-1)
@@ -337,16 +348,36 @@ _ROUTES = 200  # routes whose amplitudes are optimised before the plan stops
 
 @dataclass(frozen=True, eq=False)
 class PlannedPath:
-    """Result of `plan_path`: successive steps that lead to a goal without contact."""
+    """Result of `plan_path`: successive steps that lead to a goal without contact.
 
-    task: PathTask  # the task
-    library: Library  # library of the steps
-    steps: tuple[GaitStep, ...]  # the steps, with their final amplitudes
-    poses: np.ndarray  # (m + 1, 3) poses before the first step and after each
-    route: Route  # result of the search, before amplitudes change
-    looked: Looked  # progress of the search
-    tried: int  # number of routes whose amplitudes were optimised
-    room: float  # least distance from anything, less radius and clearance, over all instants
+    Parameters
+    ----------
+    task : PathTask
+        The task.
+    library : Library
+        Library of the steps.
+    steps : tuple of GaitStep
+        The steps, with their final amplitudes.
+    poses : ndarray, shape (m + 1, 3)
+        Poses before the first step and after each.
+    route : Route
+        Result of the search, before amplitudes change.
+    looked : Looked
+        Progress of the search.
+    tried : int
+        Number of routes whose amplitudes were optimised.
+    room : float
+        Least distance from anything, less radius and clearance, over all instants.
+    """
+
+    task: PathTask
+    library: Library
+    steps: tuple[GaitStep, ...]
+    poses: np.ndarray
+    route: Route
+    looked: Looked
+    tried: int
+    room: float
 
     def cost(self, kind: Cost) -> float:
         """Return the total number of steps, work or time."""

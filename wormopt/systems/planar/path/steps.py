@@ -31,21 +31,38 @@ _LONGEST = 1 / 24  # share of a stroke: crawls have long panels, which get as ma
 
 @dataclass(frozen=True, eq=False)
 class GaitStep:
-    """One stroke of a gait: its displacement, its cost, and the area it sweeps."""
+    """One stroke of a gait: its displacement, its cost, and the area it sweeps.
 
-    name: str  # name of the gait
-    amplitude: float  # amplitude within the family
-    # (K + 1, 3) poses of the frame of the body at instants of the stroke, from (0, 0, 0)
+    Parameters
+    ----------
+    name : str
+        Name of the gait.
+    amplitude : float
+        Amplitude within the family.
+    poses : ndarray, shape (K + 1, 3)
+        Poses of the frame of the body at instants of the stroke, from (0, 0, 0).
+    points : ndarray, shape (K + 1, n, 2)
+        Places of the masses at these instants, in the frame at the start.
+    tau, clock : ndarray, shape (K + 1,)
+        Phases of the stroke, and times.
+    slack : ndarray, shape (K,)
+        Bound of the distance of any point of the body, between two instants, from its place at the
+        nearer of them: half the time between, times a bound of the speeds of all masses.
+    work : float
+        Work of the stroke.
+    motion : object, optional
+        The motion from which it was made.
+    """
+
+    name: str
+    amplitude: float
     poses: np.ndarray
-    # (K + 1, n, 2) places of the masses at these instants, in the frame at the start
     points: np.ndarray
-    tau: np.ndarray  # (K + 1,) phases of the stroke
-    clock: np.ndarray  # (K + 1,) times of the stroke
-    # (K,) bound of the distance of any point of the body, between two instants, from its place at
-    # the nearer of them: half the time between, times a bound of the speeds of all masses
+    tau: np.ndarray
+    clock: np.ndarray
     slack: np.ndarray
-    work: float  # work of the stroke
-    motion: Any = None  # the motion from which it was made
+    work: float
+    motion: Any = None
 
     @property
     def time(self) -> float:
@@ -166,13 +183,23 @@ def crawl_step(
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Steps of one gait by their amplitude."""
+    """Steps of one gait by their amplitude.
 
-    name: str  # name of the gait
-    make: Callable[[float], GaitStep]  # function from an amplitude to a GaitStep
-    # amplitudes that a search may use, ascending; refinement may use all in between
+    Parameters
+    ----------
+    name : str
+        Name of the gait.
+    make : callable
+        Function from an amplitude to a GaitStep.
+    amplitudes : sequence of float
+        Amplitudes that a search may use, ascending; refinement may use all in between.
+    degree : int, optional
+        Degree of the polynomials in the amplitude that approximate steps during refinement.
+    """
+
+    name: str
+    make: Callable[[float], GaitStep]
     amplitudes: tuple[float, ...]
-    # degree of the polynomials in the amplitude that approximate steps during refinement
     degree: int = 8
 
     def __post_init__(self) -> None:

@@ -39,10 +39,18 @@ _DEGREE, _NODES = 14, 24
 
 @dataclass(frozen=True, eq=False)
 class Heights:
-    """Result of `heights`: curvature of a connection over two shape variables."""
+    """Result of `heights`: curvature of a connection over two shape variables.
 
-    swimmer: Swimmer  # the body, in the frame
-    frame: Frame  # the frame
+    Parameters
+    ----------
+    swimmer : Swimmer
+        The body, in the frame.
+    frame : {"head", "middle", "calm"}
+        The frame.
+    """
+
+    swimmer: Swimmer
+    frame: Frame
 
     def at(self, s: ArrayLike) -> np.ndarray:
         """Return displacement forward, to the left, and turn (m, 3), per area of a loop at `s`."""
@@ -147,9 +155,11 @@ def middle_of(shape: Shape) -> tuple[ca.SX, ca.SX]:
 
 
 def _calm(swimmer: Swimmer, reach: float, middle: np.ndarray) -> Swimmer:
-    """Return the body in the frame whose place p and angle b, polynomials of s, minimise A."""
-    # In this frame the twist is w + grad b and R(-b)(V + w J p + grad p) for any shape rates. These
-    # are two least-squares problems at Gauss points, the second with the connection's own w.
+    """Return the body in the frame whose place p and angle b, polynomials of s, minimise A.
+
+    In this frame the twist is w + grad b and R(-b)(V + w J p + grad p) for any shape rates. These
+    are two least-squares problems at Gauss points, the second with the connection's own w.
+    """
     x, weight = legendre.leggauss(_NODES)
     u, v = (grid.ravel() for grid in np.meshgrid(x, x, indexing="ij"))
     root = np.sqrt(np.outer(weight, weight).ravel())
@@ -231,12 +241,21 @@ _MOST_LOOPS, _REPEATED, _TRIES = 8, 1e-2, 3
 
 @dataclass(frozen=True, eq=False)
 class StrokeAim:
-    """A body on viscous ground, and the objective of its stroke."""
+    """A body on viscous ground, and the objective of its stroke.
 
-    swimmer: Swimmer  # the body
-    lower: np.ndarray  # (n_s,) lower limits of the shape variables
-    upper: np.ndarray  # (n_s,) upper limits of the shape variables
-    # objective, for strokes without net turn: towing work over work, or the distance
+    Parameters
+    ----------
+    swimmer : Swimmer
+        The body.
+    lower, upper : ndarray, shape (n_s,)
+        Limits of the shape variables.
+    maximise : {"efficiency", "distance"}, optional
+        Objective, for strokes without net turn: towing work over work, or the distance.
+    """
+
+    swimmer: Swimmer
+    lower: np.ndarray
+    upper: np.ndarray
     maximise: Aim = "efficiency"
 
     def __post_init__(self) -> None:
@@ -399,13 +418,27 @@ class MotionStroke:
 
 @dataclass(frozen=True, eq=False)
 class BestStroke:
-    """Result of `best_stroke`: the best stroke from several starts, a local optimum."""
+    """Result of `best_stroke`: the best stroke from several starts, a local optimum.
 
-    optimum: Optimum  # the numerical solution
-    value: float  # efficiency, or distance, by quadrature
-    tried: tuple[float, ...]  # the same from every start, NaN if none was found
-    stroke: MotionStroke = field(repr=False)  # the stroke over phases
-    harmonics: Harmonics = field(repr=False)  # the stroke as a sum of harmonics
+    Parameters
+    ----------
+    optimum : Optimum
+        The numerical solution.
+    value : float
+        Efficiency, or distance, by quadrature.
+    tried : tuple of float
+        The same from every start, NaN if none was found.
+    stroke : MotionStroke
+        The stroke over phases.
+    harmonics : Harmonics
+        The stroke as a sum of harmonics.
+    """
+
+    optimum: Optimum
+    value: float
+    tried: tuple[float, ...]
+    stroke: MotionStroke = field(repr=False)
+    harmonics: Harmonics = field(repr=False)
 
     @property
     def motion(self) -> Motion:
@@ -494,9 +527,11 @@ def best_stroke(
 
 
 def _single_loop(aim: StrokeAim, problem: Problem, mesh: Mesh, first: Harmonics) -> Optimum:
-    """Return the best stroke from a first one; if it repeats a shorter loop, that from the loop."""
-    # Repetition does not change the efficiency and multiplies the distance, so neither mesh errors
-    # nor the objective may choose it.
+    """Return the best stroke from a first one; if it repeats a shorter loop, that from the loop.
+
+    Repetition does not change the efficiency and multiplies the distance, so neither mesh errors
+    nor the objective may choose it.
+    """
     begin: Harmonics | None = first
     for _ in range(_TRIES):
         optimum = optimise(problem, mesh, FixedModes(), _guess(aim, begin), solver=_SOLVER)

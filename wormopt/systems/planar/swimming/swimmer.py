@@ -165,6 +165,10 @@ class Swimmer:
             Origin of that frame in the present one, by the shape.
         angle : casadi.SX
             Rotation of that frame to the left, in rad.
+
+        Returns
+        -------
+        Swimmer
         """
         shape = self.shape
         columns = [turned(-angle, shape.points[:, i] - place) for i in range(shape.n_points)]
@@ -185,6 +189,10 @@ class Swimmer:
         ----------
         shapes : ndarray, shape (m, n_s)
             Shapes of the stroke.
+
+        Returns
+        -------
+        float
         """
         shortest = np.asarray(self.lengths(np.atleast_2d(shapes).T)).min(axis=1)
         return float(self.rods[0] * shortest.sum() + self.masses[0] * self.shape.n_points)
@@ -225,18 +233,36 @@ STRAIGHT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Swim:
-    """Result of `swim`: the effect of one stroke."""
+    """Result of `swim`: the effect of one stroke.
 
-    # (3,) displacement and rotation of the body's frame, in the frame at the start
+    Parameters
+    ----------
+    displacement : ndarray, shape (3,)
+        Displacement and rotation of the body's frame, in the frame at the start.
+    length : float
+        Length of the stroke in the metric of power: in time T the work is at least length^2 / T.
+    phase : ndarray, shape (m,)
+        Phases of the following arrays.
+    shapes : ndarray, shape (m, n_s)
+        Shapes.
+    poses : ndarray, shape (m, 3)
+        Poses of the frame, from the start.
+    travelled : ndarray, shape (m,)
+        Length of the stroke up to the phase.
+    drag : float
+        Towing force of the straight body over velocity.
+    error : float
+        Change of displacement and length when panels were halved.
+    """
+
     displacement: np.ndarray
-    # length of the stroke in the metric of power: in time T the work is at least length^2 / T
     length: float
-    phase: np.ndarray  # (m,) phases of the following arrays
-    shapes: np.ndarray  # (m, n_s) shapes
-    poses: np.ndarray  # (m, 3) poses of the frame, from the start
-    travelled: np.ndarray  # (m,) length of the stroke up to the phase
-    drag: float  # towing force of the straight body over velocity
-    error: float  # change of displacement and length when panels were halved
+    phase: np.ndarray
+    shapes: np.ndarray
+    poses: np.ndarray
+    travelled: np.ndarray
+    drag: float
+    error: float
 
     @property
     def distance(self) -> float:
@@ -270,6 +296,10 @@ class Swim:
         ----------
         duration : float
             Duration of the stroke.
+
+        Returns
+        -------
+        float
         """
         if not duration > 0:
             raise ArgumentError(f"duration must be above 0, not {duration}")
