@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -213,6 +213,14 @@ def _sent(found: Optimum) -> Solved:
 # -- starts ----------------------------------------------------------------------------------------
 
 
+class Start(Protocol):
+    """Recipe of a first guess."""
+
+    def guess(self, task: CrawlTask) -> Guess:
+        """Make the guess; SolveError if this is impossible."""
+        ...
+
+
 @dataclass(frozen=True)
 class Wave:
     """Forces that are sines of one frequency, with a phase for each link."""
@@ -295,10 +303,6 @@ class Spiked:
         tail = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[-1, 1:] + v[-1, :-1]) / 2)])
         above = np.vstack([np.cumsum(length[::-1], axis=0)[::-1], np.zeros_like(t)])
         return Guess(float(t[-1]), polyline(t, np.vstack([above + tail, v])), polyline(t, u))
-
-
-Start = Wave | Earlier | Smoothed | Spiked
-"""Recipe of a first guess, which raises SolveError if it cannot make one."""
 
 
 def polyline(t: np.ndarray, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
