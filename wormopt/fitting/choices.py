@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from wormopt.control.loop import feed
@@ -224,13 +223,12 @@ class Choices:
         return np.concatenate(values), np.asarray(block_diag(*rows))
 
 
-def base_of(model: Model, signal: str, given: ArrayLike | None = None) -> tuple[float, ...]:
-    """Values of an input or parameter, the model's own or given; ArgumentError if it has none."""
+def base_of(model: Model, signal: str) -> tuple[float, ...]:
+    """Values of an input or parameter of a model; ArgumentError if it has none."""
     known = signal_of(model, signal, None)
-    value = known.value if given is None else given
-    if value is None:
+    if known.value is None:
         raise ArgumentError(f"{signal} has no value; write one")
-    return numbers_of(signal, value, known.size)
+    return numbers_of(signal, known.value, known.size)
 
 
 def signal_of(model: Model, name: str, size: int | None) -> Signal:
