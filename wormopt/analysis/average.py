@@ -177,10 +177,8 @@ class Wave:
 
 
 def sign_after(wave: Wave, crossings: Sequence[Crossing]) -> ca.SX:
-    """Sign (+1 or -1) of a velocity at the beginning of the period, before any crossing.
-
-    It is that after the last crossing, one period earlier; without any, that of the mean.
-    """
+    """Sign (+1 or -1) of a velocity at the beginning of the period, before any crossing."""
+    # It is that after the last crossing, one period earlier; without any, that of the mean.
     last, sign = ca.SX(-1), ca.if_else(wave.mean < 0, -1, 1)
     for crossing in crossings:
         later = ca.logic_and(crossing.real, crossing.place > last)

@@ -90,11 +90,9 @@ def balanced(matrices: Matrices) -> Matrices:
 
 
 def without_shifts(matrices: Matrices) -> tuple[Matrices, int]:
-    """Remove, and count, the shifts: directions of states changing neither rates nor outputs.
-
-    A shift, such as a worm's position, is a pole and a zero at 0 that cancel.
-    Their number is the dimension of the common null space of A and C.
-    """
+    """Remove, and count, the shifts: directions of states changing neither rates nor outputs."""
+    # A shift, such as a worm's position, is a pole and a zero at 0 that cancel. Their number is the
+    # dimension of the common null space of A and C.
     a, b, c, d = matrices
     # stricter than for zeros: a weakly damped motion must not pass for a shift
     rank, _, right = _Rank(_rounding(matrices)).split(np.vstack([a, c]))

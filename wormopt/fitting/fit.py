@@ -220,10 +220,8 @@ class Way:
 
 
 def ways_of(task: FitTask, nodes: int | None) -> tuple[Way, ...]:
-    """First stages to try in turn: they fail for different problems.
-
-    The last is expensive, for when all others have left more than noise.
-    """
+    """First stages to try in turn: they fail for different problems."""
+    # The last is expensive, for when all others have left more than noise.
     if nodes:
         return (Way(nodes=nodes), Way(nodes=nodes))
     rough = isinstance(task.contact, Smooth) or not task.model.contacts
@@ -242,10 +240,8 @@ def _is_read(shooting: Shooting) -> bool:
 
 
 def approach(task: FitTask, theta: np.ndarray, speed: float, way: Way, seen: Seen) -> Descent:
-    """Descend on a problem with wide valleys, then on the task.
-
-    Valleys are wide over smooth contact, or in short stretches between nodes.
-    """
+    """Descend on a problem with wide valleys, then on the task."""
+    # Valleys are wide over smooth contact, or in short stretches between nodes.
     count = 0
     with suppress(SolveError, ArgumentError):  # such as too stiff: continue from the point reached
         for found in _led(task, theta, speed, way):

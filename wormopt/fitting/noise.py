@@ -29,10 +29,8 @@ MEDIAN = 0.6745
 
 
 def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[str, float]:
-    """Standard deviations of signals, corrected for the degrees of freedom of the unknowns.
-
-    For a robust fit by the median, which ignores outliers.
-    """
+    """Standard deviations of signals, corrected for the degrees of freedom of the unknowns."""
+    # For a robust fit by the median, which ignores outliers.
     r, jacobian = task.plain(theta)
     _, steep = robust(r[: task.count], task.loss)
     weights = np.append(steep, np.ones(len(r) - task.count))
@@ -238,10 +236,8 @@ def _tests(
 
 
 def runs_test(r: np.ndarray) -> tuple[float, float]:
-    """Number of runs above and below the median, in standard deviations, and p.
-
-    A. Wald and J. Wolfowitz, Annals of Mathematical Statistics 11 (1940) 147.
-    """
+    """Number of runs above and below the median, in standard deviations, and p."""
+    # A. Wald and J. Wolfowitz, Annals of Mathematical Statistics 11 (1940) 147.
     signs = np.sign(r - np.median(r))
     above = signs[signs != 0] > 0
     n, high = len(above), int(above.sum())

@@ -192,10 +192,8 @@ def log_sinh_ratio(y2: Any) -> Any:
 
 
 def langevin_ratio(y2: Any) -> Any:
-    """Langevin's function over its argument, (coth y - 1 / y) / y; `y2` is y² ≥ 0.
-
-    It is 1/3 at 0, and decreases.
-    """
+    """Langevin's function over its argument, (coth y - 1 / y) / y; `y2` is y² ≥ 0."""
+    # It is 1/3 at 0, and decreases.
 
     # twice the derivative of the integral with respect to y²
     def near(small: Any) -> Any:

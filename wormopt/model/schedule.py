@@ -183,10 +183,8 @@ class ParameterPath:
 
     @property
     def values(self) -> np.ndarray:
-        """Coefficients as the `Schedule` wants them, shape (pieces, n (degree + 1)).
-
-        Paths drawn alike share one compiled model: only these numbers differ.
-        """
+        """Coefficients as the `Schedule` wants them, shape (pieces, n (degree + 1))."""
+        # Paths drawn alike share one compiled model: only these numbers differ.
         return self.coefficients.transpose(0, 2, 1).reshape(len(self.coefficients), -1)
 
     def __call__(self, t: np.ndarray) -> np.ndarray:

@@ -430,10 +430,8 @@ class AtPlaces:
 
     @cached_property
     def function(self) -> ca.Function:
-        """Function of all coordinates, the first one of every place first, and of the column.
-
-        Its results are in the same order.
-        """
+        """Function of all coordinates, the first one of every place first, and of the column."""
+        # Its results are in the same order.
         count, size = len(self.weights), self.one.size1_in(0)
         q, common = ca.MX.sym("q", size * count), ca.MX.sym("common", self.one.size1_in(1))
         places = ca.reshape(q, count, size).T
@@ -482,11 +480,9 @@ def _call_at(function: ca.Function, count: int, _thread: int) -> Call:
 
 
 def at_rows(function: ca.Function, *rows: float | np.ndarray) -> list[np.ndarray]:
-    """All results (m, size) of a function, dense, at m rows of arguments; matrices by columns.
-
-    The first argument has m rows, a later one may have one or be a number. An ordinary call takes
-    eight times as long, for conversions.
-    """
+    """All results (m, size) of a function, dense, at m rows of arguments; matrices by columns."""
+    # The first argument has m rows, a later one may have one or be a number. An ordinary call takes
+    # eight times as long, for conversions.
     m = len(np.asarray(rows[0]))
     given = [np.broadcast_to(each, (m, function.numel_in(i))) for i, each in enumerate(rows)]
     found = [np.empty((m, function.numel_out(i))) for i in range(function.n_out())]

@@ -405,10 +405,8 @@ class Motion(SampledMotion):
 
 
 def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
-    """Variables (n_w,) of a program that follow a guess; `bounds` has integrals' parameters.
-
-    Slacks and design constants are at nominal size, impulses zero.
-    """
+    """Variables (n_w,) of a program that follow a guess; `bounds` has integrals' parameters."""
+    # Slacks and design constants are at nominal size, impulses zero.
     mesh, arc = program.mesh, program.arc
     n = mesh.total
     durations = guess.durations_on(mesh)

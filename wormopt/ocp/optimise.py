@@ -28,11 +28,9 @@ if TYPE_CHECKING:
 
 
 def defects(motion: Motion) -> np.ndarray:
-    """Local error (N,) of every arc: the integral of |x' - f(x, u, ...)| over it, scaled.
-
-    Largest over the states. With prescribed modes a sliding force follows its law; others
-    are interpolated. J. T. Betts, Practical Methods for Optimal Control, 4.7 (SIAM 2010).
-    """
+    """Local error (N,) of every arc: the integral of |x' - f(x, u, ...)| over it, scaled."""
+    # Largest over the states. With prescribed modes a sliding force follows its law; others are
+    # interpolated. J. T. Betts, Practical Methods for Optimal Control, 4.7 (SIAM 2010).
     arc, mesh = motion.program.arc, motion.mesh
     nodes, weights = np.polynomial.legendre.leggauss(12)
     s, weights = (nodes + 1) / 2, weights / 2

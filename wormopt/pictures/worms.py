@@ -64,10 +64,8 @@ class Moving:
 
 
 def moving(result: Result) -> Moving | None:
-    """Masses on the ground over time, None if the result has no such motion.
-
-    Bodies that are more than masses, such as floats and segments, have an animation of their own.
-    """
+    """Masses on the ground over time, None if the result has no such motion."""
+    # Bodies that are more than masses, such as floats and segments, have an animation of their own.
     if "position" not in result:
         return None
     position = result["position"]

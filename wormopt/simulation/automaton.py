@@ -48,11 +48,9 @@ class Layer:
             self._velocities = Call(system.velocities, ("p", p), ("s", modes))
 
     def is_passed_unseen(self, step: Step) -> bool:
-        """Whether a velocity enters and leaves the steep layer of the smooth law within a step.
-
-        The layer would act between the stages, unseen by the error estimate. For exact laws in the
-        plane: whether a long step passes a kink, which the estimate may miss.
-        """
+        """Whether a velocity enters and leaves the steep layer of the smooth law within a step."""
+        # The layer would act between the stages, unseen by the error estimate. For exact laws in
+        # the plane: whether a long step passes a kink, which the estimate may miss.
         if not self._layers:
             return self._bends is not None and self._goes_over_bend(step)
         suspects = self._may_dip(step)
@@ -141,10 +139,8 @@ class _Clock:
         self._directions = p[len(task.p) :].reshape(len(task.p), task.k)
 
     def follow(self, t: float) -> float:
-        """Set all values to those at time t, and the next break.
-
-        A break within round-off of t counts as passed.
-        """
+        """Set all values to those at time t, and the next break."""
+        # A break within round-off of t counts as passed.
         for i, (schedule, place) in enumerate(zip(self._schedules, self._places, strict=True)):
             (begin,), (piece,) = schedule.locate(np.array([t]))
             self._p[place] = np.append(begin, schedule.values[piece])

@@ -79,11 +79,9 @@ class Aim:
                 self._joint.add(self._place[i])
 
     def sweep(self, t: float, x: np.ndarray) -> None:
-        """Turn directions of onset until they fit each other.
-
-        Those that do not converge end with the first step, since their error is large: then the
-        motion turns the velocities itself.
-        """
+        """Turn directions of onset until they fit each other."""
+        # Those that do not converge end with the first step, since their error is large: then the
+        # motion turns the velocities itself.
         begun = np.flatnonzero(self._directions.any(axis=1))
         places = [int(k) for k in begun if int(k) not in self._joint]
         for sweep in range(1, _SWEEPS + 1 if places else 0):

@@ -162,10 +162,8 @@ class Watch:
         return 2 * off + abs(rate) * floor_of_step(self._task, t), abs(rate)
 
     def fires_in_vain(self, k: int, t: float, crossing: Crossing) -> bool:
-        """Whether a switch has fired and not been above 0 since.
-
-        A crossed switch may have been 0 for a while, and its guard may have jumped.
-        """
+        """Whether a switch has fired and not been above 0 since."""
+        # A crossed switch may have been 0 for a while, and its guard may have jumped.
         if self._task.system.model.switches[k].crosses:
             return not self._jumped[k] and t - self._fired[k] <= floor_of_step(self._task, t)
         return crossing.level != 0
@@ -342,11 +340,9 @@ class Watch:
         return change / ((high - low) * step.h)
 
     def locate(self, step: Step, crossing: Crossing, stepper: Stepper) -> Located:
-        """Step to an event found by `find`.
-
-        The step itself is taken and corrected by Newton's method, since the order of the polynomial
-        is lower than that of the steps.
-        """
+        """Step to an event found by `find`."""
+        # The step itself is taken and corrected by Newton's method, since the order of the
+        # polynomial is lower than that of the steps.
         which, length = crossing.which, crossing.theta * step.h
         if length <= floor_of_step(self._task, step.t):
             return Located(None, arrived=True)

@@ -207,11 +207,9 @@ class PlaneGrip:
         return self._begins * self.slip
 
     def deciding(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
-        """Velocity, acceleration, force, least and largest force by which modes are decided.
-
-        Its speed, and its force relative to the holding force; in onset its velocity along d, and
-        its error so far.
-        """
+        """Velocity, acceleration, force, least and largest force by which modes are decided."""
+        # Its speed, and its force relative to the holding force; in onset its velocity along d, and
+        # its error so far.
         v, ahead = self.contact.velocity, self._ahead
         speed = ca.if_else(self._begins, ca.dot(self.direction, v), ca.norm_2(v))
         faster = ca.dot(ahead, acceleration) / ca.norm_2(ahead)
@@ -228,10 +226,8 @@ class PlaneGrip:
 
     @property
     def bends(self) -> ca.SX:
-        """Kink of its force: velocity along the heading, and speed.
-
-        Both 0 where forward and backward resistance are the same.
-        """
+        """Kink of its force: velocity along the heading, and speed."""
+        # Both 0 where forward and backward resistance are the same.
         v = self.contact.velocity
         ahead, back = (ca.SX(getattr(self.law, n, 0.0)) for n in ("forward", "backward"))
         return ca.SX(2, 1) if ca.is_equal(ahead, back) else ca.vertcat(v[0], ca.norm_2(v))
@@ -240,10 +236,8 @@ class PlaneGrip:
         return ca.dot(self._across, force - self.slip)
 
     def aims(self, force: ca.SX) -> ca.SX:
-        """Direction in which slip begins from rest, and error of the force of onset.
-
-        The error is 0 in the direction in which the contact accelerates.
-        """
+        """Direction in which slip begins from rest, and error of the force of onset."""
+        # The error is 0 in the direction in which the contact accelerates.
         return ca.vertcat(self.law.slip_direction(force), self._off(force))
 
 
@@ -470,10 +464,8 @@ def solver(name: str, symbols: Sequence[ca.SX], equations: Equations) -> ca.Func
 
 
 def determined(matrix: ca.SX) -> ca.SX:
-    """Determinant relative to the sizes of the rows: 1 well determined, 0 not at all.
-
-    From factors: an expression by minors grows like Fibonacci's numbers for a chain.
-    """
+    """Determinant relative to the sizes of the rows: 1 well determined, 0 not at all."""
+    # From factors: an expression by minors grows like Fibonacci's numbers for a chain.
     size = ca.fabs(_product(ca.diag(ca.qr(matrix)[1])))
     return size / ca.sqrt(_product(ca.sum2(matrix**2)))
 

@@ -387,10 +387,8 @@ class Stiff:
         return self._advance(self._solver, stop)
 
     def redo(self, step: Step, length: float) -> Step:
-        """Keep only the first `length` of the step just attempted, which was too long.
-
-        It may end earlier if it is less accurate than the whole.
-        """
+        """Keep only the first `length` of the step just attempted, which was too long."""
+        # It may end earlier if it is less accurate than the whole.
         stop = min(step.t + length, step.end)
         self._solver = None
         return self._advance(self._solver_from(step.t, step.x, stop, length), stop)
