@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -17,10 +17,37 @@ from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.given import check_number, names_in
 from wormopt.model.values import signal_values
 
-if TYPE_CHECKING:  # Model imports this module
-    from wormopt.model.model import Model
-
 Values = Mapping[str, ArrayLike]
+
+
+class Described(Protocol):
+    """Part of `Model` used here; Model itself imports this module in `to_control`."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def t(self) -> ca.SX: ...
+    @property
+    def x(self) -> Sequence[Any]: ...
+    @property
+    def u(self) -> Sequence[Any]: ...
+    @property
+    def z(self) -> Sequence[Any]: ...
+    @property
+    def p(self) -> Sequence[Any]: ...
+    @property
+    def ode(self) -> ca.SX: ...
+    @property
+    def outputs(self) -> Sequence[Any]: ...
+    @property
+    def contacts(self) -> Sequence[Any]: ...
+    @property
+    def switches(self) -> Sequence[Any]: ...
+    @property
+    def schedules(self) -> Sequence[Any]: ...
+    def check_laws(self) -> None:
+        """Refuse laws with symbols that no part of the model has."""
+        ...
 
 
 def import_control() -> Any:
@@ -47,7 +74,7 @@ class Explicit:
     UnknownNameError for an unknown output, ArgumentError if there are algebraic variables.
     """
 
-    model: Model
+    model: Described
     output: str | Sequence[str]  # names in the order wanted, duplicates dropped
 
     def __post_init__(self) -> None:
