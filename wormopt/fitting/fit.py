@@ -119,7 +119,7 @@ def _region(task: Squares, begin: Descent, seen: Seen, rough: bool) -> Descent:
     # Coordinates at a bound stay there.
     from scipy.optimize import least_squares
 
-    free = ~_held(task, begin)
+    free = ~held_at(task.bounds, begin.theta, begin.jacobian.T @ begin.residuals)
     if begin.offset < ARRIVED or not free.any():
         return begin
     points = {begin.theta.tobytes(): begin}
@@ -198,10 +198,6 @@ def _look(task: Squares, theta: np.ndarray, count: int) -> Descent:
         raise SolveError("the motion or its derivatives become infinite or NaN", "")
     free = ~held_at(task.bounds, theta, jacobian.T @ residuals)
     return Descent(theta, residuals, jacobian, offset_of(residuals, jacobian, free), count + 1)
-
-
-def _held(task: Squares, at: Descent) -> np.ndarray:
-    return held_at(task.bounds, at.theta, at.jacobian.T @ at.residuals)
 
 
 def _inside(task: Squares, theta: np.ndarray) -> np.ndarray:

@@ -255,8 +255,7 @@ class Watch:
         if np.isnan(values).any():
             raise GivenUp("not_finite")
         self._check_moves(step, values)
-        a, b, c = values[:-2], values[1:-1], values[2:]
-        dips = (b < a) & (b <= c) & (b < 4 * (np.maximum(a, c) - b))
+        dips = _dips(values[:-2], values[1:-1], values[2:])
         suspects = np.flatnonzero((values.min(axis=0) < 0) | dips.any(axis=0))
         small = self._small()
         self.touched = []
@@ -287,7 +286,7 @@ class Watch:
             if here < level:
                 theta = _root(above, _SAMPLES[max(k - 1, 0)], _SAMPLES[k])
                 return self._since(step, Crossing(j, theta, level))
-            if k >= 2 and self._dips(value[k - 2 : k + 1] - level):
+            if k >= 2 and _dips(*(value[k - 2 : k + 1] - level)):
                 ends = _SAMPLES[k - 2], _SAMPLES[k]
                 near = {"bounds": ends, "method": "bounded", "options": {"xatol": 1e-7}}
                 low: Any = minimize_scalar(above, **near)
@@ -327,12 +326,6 @@ class Watch:
             around = self._task.system.contacts[j].nominal_speed if self._modes[j] else held
         return self._task.small_value * around
 
-    @staticmethod
-    def _dips(value: np.ndarray) -> bool:
-        """Whether there may be a zero between three samples."""
-        a, b, c = value
-        return bool(b < a and b <= c and b < 4 * (max(a, c) - b))
-
     def _slope(self, step: Step, crossing: Crossing) -> float:
         """Time derivative of an event function about its crossing."""
         low, high = max(crossing.theta - 1e-4, 0.0), min(crossing.theta + 1e-4, 1.0)
@@ -363,6 +356,11 @@ class Watch:
                 break
             length = corrected
         return Located(best, arrived=True)
+
+
+def _dips(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Whether there may be a zero between three samples."""
+    return (b < a) & (b <= c) & (b < 4 * (np.maximum(a, c) - b))
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:
