@@ -1,6 +1,6 @@
 """Fits of eight numbers from ten seconds at 100 Hz, on recordings made by scipy alone.
 
-`judge_fit.py` does the same for 200 draws; docs/verification.md has its figures.
+`tests.stress.judge_fit` does the same for 200 draws; docs/verification.md has its figures.
 """
 
 from collections.abc import Callable
@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from judge_fit import SOUGHT, Draw, draw, judge, task_of, told, wrong_start
 from scipy.stats import chi2
 
 import wormopt as wo
+from tests.stress.judge_fit import SOUGHT, Draw, draw, judge, task_of, told, wrong_start
 
 pytestmark = pytest.mark.slow
 

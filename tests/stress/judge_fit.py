@@ -1,8 +1,8 @@
 """Fits judged on recordings made by scipy alone: do intervals hold the truth, do searches end well?
 
-`python -m tests.judge_fit 200 FILE` fits as many drawn worms and writes a line of JSON for each;
-`python -m tests.judge_fit FILE` summarises such lines. With the word `design` in front, worms
-with spikes get gaits that were designed on their fits.
+`python -m tests.stress.judge_fit 200 FILE` fits as many drawn worms and writes a line of JSON for
+each; `python -m tests.stress.judge_fit FILE` summarises such lines. With the word `design` in
+front, worms with spikes get gaits that were designed on their fits.
 """
 
 import sys
@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 import wormopt as wo
-from tests.judging import judged
 from tests.oracles.by_crawling import Crawler, FastGait, recorded
 from tests.oracles.by_recordings import (
     Array,
@@ -27,6 +26,7 @@ from tests.oracles.by_recordings import (
     smooth_waves,
     square,
 )
+from tests.stress.judge_many import judged
 from wormopt.systems.spiked import Believed, Search, design_believed, driven_worm, on_plant
 
 MASS, START = np.array([1.0, 0.8, 1.1]), np.array([3.0, 1.5, 0.0])
