@@ -33,6 +33,14 @@ def test_intervals_hold_the_truth_and_wrong_starts_end_at_the_best_fit():
     assert 0.94 < noise[0] < noise[1] < noise[2] < 1.06
 
 
+def test_without_noise_numbers_are_exact():
+    drawn = draw(5, end=4.0, noise=1e-8)
+    found = wo.fit(task_of(drawn, wrong_start(drawn, 3.0, 5)))
+    assert found.converged
+    assert all(end.agrees for end in found.starts)
+    assert found.values == pytest.approx([drawn.truth[name] for name in SOUGHT], rel=1e-6)
+
+
 @cache
 def first_draw() -> Draw:
     return draw(0)

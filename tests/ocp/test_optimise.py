@@ -369,26 +369,6 @@ def test_an_optimal_motion_answers_by_name_as_its_simulation_does():
 # -- what must not pass for a solution -----------------------------------------------------------
 
 
-def ball(**limits) -> Problem:
-    """A ball thrown up: as long as it may fly, from the ground back to it."""
-    y, v, u = (ca.SX.sym(name) for name in "yvu")
-    states = [Signal("height", y, **limits), Signal("speed", v)]
-    model = Model("ball", states, ca.vertcat(v, u - 1), u=[Signal("gust", u, lower=0.0, upper=0.1)])
-    ends = Ends.of(model)
-    ground = [Constraint("start", ends.start[0], 0, 0), Constraint("end", ends.end[0], 0, 0)]
-    return Problem(model, ends, -ends.duration, (0.1, 10.0), boundary_constraints=ground)
-
-
-def test_bounds_of_states_hold_inside_arcs():
-    guess = Guess(2.0, lambda t: np.vstack([t * (2 - t) / 2, 1 - t]))
-    found = optimise(ball(upper=0.5), Mesh.even(1, 4, Collocation(3)), FixedModes(), guess)
-    t = np.linspace(0, found.motion.duration, 400)
-    assert found.motion.state("height", t).max() <= 0.5 + 1e-9
-    # the gust bears it up both ways: twice sqrt(2 * 0.5 / 0.9)
-    assert found.motion.duration == pytest.approx(2 * np.sqrt(1 / 0.9), rel=2e-2)
-    assert found.motion.duration <= 2 * np.sqrt(1 / 0.9) + 1e-9
-
-
 def switching(pins):
     """Time to come from 0 to 2 where x' is 1 before t = 1 and 5 afterwards: 1.2."""
     x, w, begin, t = (ca.SX.sym(name) for name in ("x", "w", "begin", "t"))

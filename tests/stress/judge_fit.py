@@ -54,7 +54,7 @@ class Draw:
     noise: float
 
 
-def draw(seed: int, *, end: float = 10.0, rate: float = 100.0) -> Draw:
+def draw(seed: int, *, end: float = 10.0, rate: float = 100.0, noise: float = 0.0) -> Draw:
     """Three masses whose links are pushed at random amplitudes, period and phase."""
     rng = np.random.default_rng([2024, seed])
     truth = {name: float(rng.uniform(low, high)) for name, (low, high, *_) in SOUGHT.items()}
@@ -64,7 +64,7 @@ def draw(seed: int, *, end: float = 10.0, rate: float = 100.0) -> Draw:
         course = smooth_waves(period, np.zeros(2), amplitude, phase)
     else:
         course = square(period, -amplitude, amplitude, np.round(phase, 2))
-    noise = float(10 ** rng.uniform(-2.5, -1.5))
+    noise = noise or float(10 ** rng.uniform(-2.5, -1.5))
     times = np.arange(round(end * rate) + 1) / rate
     c, d, rest = (
         np.array([truth[f"{name}[{k}]"] for k in (0, 1)])
