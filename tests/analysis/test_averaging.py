@@ -363,8 +363,7 @@ def forward_share(v: float, harmonics: np.ndarray) -> float:
     return float(np.diff(ends) @ ahead)
 
 
-@pytest.mark.slow
-@settings(max_examples=examples(15))
+@settings(max_examples=examples(4))
 @given(st.integers(2, 5), st.integers(0, 2**32 - 1))
 def test_shapes_drawn_at_random_slide_forward_as_long_as_their_roots_say(n: int, seed: int):
     """Also where a narrow peak is all that reverses."""
