@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import root_scalar
+from slides import LINE, slide
 
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.model.friction import Coulomb, Viscous
@@ -32,25 +33,7 @@ SLIDE = math.sqrt(1.5)
 BACK = 0.25 + math.sqrt(0.3)
 SMOOTH_SLIDE = 1.2221708186  # tanh(40 v): twelve digits by independent code
 RELAXED = Complementarity(residual=1e-3, first=1e-1)
-BLOCK = block(Coulomb(1.0, 2.0), force=3.0)
-LINE = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.6]))
 BRAKE = Guess(0.8, lambda t: np.vstack([t * (1 - t / 0.8) ** 2, (1 - t / 0.8) * (1 - 3 * t / 0.8)]))
-
-
-def slide(
-    start: tuple[float, float] = (0.0, 0.0),
-    end: float = 1.0,
-    model: Model = BLOCK,
-    size: float = 1.0,
-) -> Problem:
-    """Shortest time, times a size."""
-    ends = Ends.of(model)
-    at_ends = [
-        Constraint("start", ends.start, start, start),
-        Constraint("end", ends.end, [end, 0], [end, 0]),
-    ]
-    cost = size * ends.duration
-    return Problem(model, ends, cost, (0.01, 10.0), boundary_constraints=at_ends, nominal=size)
 
 
 def even(arcs: int, degree: int = 2, phases: int = 1) -> Mesh:
