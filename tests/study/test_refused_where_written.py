@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -224,6 +224,12 @@ def test_every_argument_refuses_by_its_name_what_it_is_not(one: Any, name: str):
     for wrong in (object(), *([] if name == "name" else [WRONG])):
         with pytest.raises(ArgumentError, match=rf"{name}|no state '{WRONG}'"):
             replace(one, **{name: wrong})
+
+
+def test_what_is_made_stays_what_it_is():
+    made: list[Any] = [part for name in wo.__all__ if is_dataclass(part := getattr(wo, name))]
+    assert len(made) > 70
+    assert [part for part in made if not part.__dataclass_params__.frozen] == []
 
 
 @pytest.mark.parametrize("unit", [*UNITS, "1", "rad", "s", "kg m2", "K"])
