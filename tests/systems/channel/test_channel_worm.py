@@ -30,7 +30,7 @@ from wormopt.systems.channel.samples import SAMPLES
 from wormopt.systems.channel.segments import SLEEVE_RISE, exact_elastica
 
 SAMPLE_1, SAMPLE_2, CAPSULE = map(ChannelWorm.of, ("sample-1", "sample-2", "capsule"))
-# mm, by sympy to 20 digits in test_errata_channel.py and of the same integrals; counts by the
+# mm, by sympy to 20 digits in test_errata.py and of the same integrals; counts by the
 # nearest integer; velocities in mm per switch.
 REFERENCE = [
     (SAMPLE_1, (12.550570, 12.504597, 12.206556), (4, 4, 4), (1.457469, 1.431198, 1.260889)),
