@@ -537,7 +537,7 @@ test_wrong_scenes_are_told = refusals(
     SCENE,
     """
     units="dimensionless" | units | write units = "SI"
-    coil.inner_radius=0.02 | coil.inner_radius | below coil.outer_radius
+    coil.inner_radius=0.02 | coil.inner_radius | below outer_radius
     coil={side="above", distance=5e-3} | coil.distance | inside the fluid
     """,
 )

@@ -28,9 +28,9 @@ from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.copies import scenario_model
 from wormopt.systems.chain.crawl_limits import bound_of, excess_of
-from wormopt.systems.chain.crawl_search import CrawlTask
 from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits
 from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
+from wormopt.systems.chain.optimal_crawl import OptimalCrawl
 
 SCENE = PROBLEMS / "optimal_crawl.toml"
 
@@ -319,7 +319,7 @@ def test_soft_crawlers_are_solved_or_told_in_words_of_the_scene(changes: dict, t
 @pytest.mark.parametrize("changes", CRAWLERS[:3])
 def test_sizes_are_those_of_the_scene(changes: dict, tmp_path: Path):
     study = soft(tmp_path, changes).table
-    sized = study.task.sized(0.25)
+    sized = study.sized(0.25)
     assert sized.x[1].nominal == 0.25
     friction = study.worm.friction
     for contact in sized.contacts:
@@ -397,7 +397,7 @@ def test_limits_too_large_to_bind_change_nothing(huge: dict, plain: dict):
 def test_strong_actuators_do_not_change_sizes():
     def sizes(force: float) -> list[float]:
         limits = CrawlLimits(period=1.0, actuator_force=force, length=(1.4, 2.6))
-        sized = task_of(limits=limits).sized(1.0)
+        sized = study_of(limits=limits).sized(1.0)
         return [sized.u[0].nominal, *(contact.nominal_force for contact in sized.contacts)]
 
     usual = sizes(12.0)
@@ -432,8 +432,8 @@ def test_excess_of_a_limit_between_points_of_the_mesh_is_found():
     assert found["limits.rate"] == 0.0
 
 
-def task_of(**changes) -> CrawlTask:
-    return load_scene(SCENE).table.vary(**changes).task
+def study_of(**changes) -> OptimalCrawl:
+    return load_scene(SCENE).table.vary(**changes)
 
 
 @pytest.mark.parametrize("effort", [0.0, 1e-3, 0.02, 0.3])
@@ -445,7 +445,7 @@ def test_the_bound_is_the_best_balance_of_power(
     """Two links of damping 5 and force 12, three masses of forward friction 1, by brute force."""
     limits = CrawlLimits(period=1.0, actuator_force=12.0, rate=rate, actuator_power=power)
     aim = Aim(maximise="speed", effort=effort)
-    bound = bound_of(task_of(limits=limits, objective=aim))
+    bound = bound_of(study_of(limits=limits, objective=aim))
     a, u = np.meshgrid(np.linspace(0, rate or 1.5, 1501), np.linspace(0, 12, 1201))
     gain = np.minimum(u * a, power or np.inf) - 5.0 * a**2
     best = 2 * np.max(gain / 3.0 - effort * u**2)
@@ -459,7 +459,7 @@ def test_the_bound_downhill_is_where_drag_takes_all_power(rate: float):
     """Loads of -2 on three masses exceed their friction forward, 1: a rigid worm slides too."""
     study = load_scene(SCENE, ["worm.load=-2", "worm.drag=0.5", "objective.effort=0"]).table
     limits = CrawlLimits(period=1.0, actuator_force=12.0, rate=rate)
-    bound = bound_of(study.vary(limits=limits).task)
+    bound = bound_of(study.vary(limits=limits))
     v = np.linspace(0.0, 20.0, 20_001)
     power = 2 * (12.0 * rate - 5.0 * rate**2)
     assert bound == pytest.approx(-v[1.5 * v**2 - 3.0 * v <= power].max(), abs=1e-3)
@@ -467,14 +467,14 @@ def test_the_bound_downhill_is_where_drag_takes_all_power(rate: float):
 
 def test_the_energy_of_every_crawl_covers_friction_and_load():
     aim = Aim(minimise="energy_per_mass_distance", speed=1.0)
-    assert bound_of(task_of(objective=aim)) == pytest.approx(3.0 / 3.0)
+    assert bound_of(study_of(objective=aim)) == pytest.approx(3.0 / 3.0)
 
 
-def test_tasks_can_be_sent_to_other_processes():
-    task = task_of()
-    assert task.plant.n_x == 6
-    again = pickle.loads(pickle.dumps(task))
-    assert again == task
+def test_studies_can_be_sent_to_other_processes():
+    study = study_of()
+    assert study.plant.n_x == 6
+    again = pickle.loads(pickle.dumps(study))
+    assert again == study
     assert "plant" not in vars(again)
 
 
@@ -552,7 +552,7 @@ def test_random_robots_crawl_no_slower_than_by_another_program(seed: int):
     ours = value(result, "speed_simulated") - effort * value(result, "input_rms") ** 2
     rivals = [one for one in crawls(tables, 4, seed) if one.merit > ours]
     for found in [*rivals, *waves(tables, seed)]:
-        speed, over = simulated(study.task, found)
+        speed, over = simulated(study, found)
         theirs = speed - effort * np.mean(np.sum(found.inputs**2, axis=0))
         assert ours >= theirs - 1e-3 * abs(theirs) or over > 1e-3
 
@@ -567,23 +567,23 @@ def waves(tables: dict, seed: int) -> Iterator[Found]:
         yield Found(duration, size * np.cos(np.linspace(0, 2 * np.pi, 51)[:-1] + phase), np.nan)
 
 
-def simulated(task: CrawlTask, found: Found) -> tuple[float, float]:
+def simulated(study: OptimalCrawl, found: Found) -> tuple[float, float]:
     """Speed with exact friction after many cycles, and how far lengths, rates, powers exceed."""
     steps = found.inputs.shape[1]
     breaks = np.linspace(0.0, found.duration, steps + 1)
     course = Gait(breaks, found.inputs.T[:, :, None])
-    span, masses = 40 * found.duration, task.worm.links + 1
-    run = simulate(wo.drive(task.plant, course, periodic=True), span, dense=True)
+    span, masses = 40 * found.duration, study.worm.links + 1
+    run = simulate(wo.drive(study.plant, course, periodic=True), span, dense=True)
     assert run.dense is not None
     t = np.linspace(0.0, found.duration, 400)
     x = run.dense(span - found.duration + t)
     u = found.inputs[:, (t / t[-1] * steps).astype(int) % steps]
-    ranges = task.limits.length_ranges(task.worm.links)
+    ranges = study.limits.length_ranges(study.worm.links)
     assert ranges is not None
     low, high = ranges[0]
     length = x[: masses - 1] - x[1:masses]
     rate = x[masses : 2 * masses - 1] - x[masses + 1 : 2 * masses]
-    limits = task.limits
+    limits = study.limits
     over = max(
         (low - length.min()) / (high - low),
         (length.max() - high) / (high - low),

@@ -268,7 +268,7 @@ def test_a_field_of_currents_that_is_not_confirmed_fails(monkeypatch: pytest.Mon
 test_what_no_row_can_be_is_refused = refusals(
     ROW,
     """
-    coils.inner_radius=5e-3 | coils.inner_radius | not below coils.outer_radius
+    coils.inner_radius=5e-3 | coils.inner_radius | not below outer_radius
     coils.pitch=8e-3 | coils.pitch | overlap; write at least 0.009
     coils={axis="along", pitch=10e-3} | coils.pitch | coils.length
     coils={axis="along", length=8e-3, gap=1e-3} | coils.gap | leave it out

@@ -452,7 +452,7 @@ test_wrong_scenes_are_told = refusals(
     stretches=[-0.8, 1.1] | stretches[0] | above 0
     segment.wall=4e-3 | segment.wall | less than 0.0025
     winding.inner_radius=5e-3 | winding.inner_radius | more than 0.00505
-    winding.outer_radius=5e-3 | winding.outer_radius | more than 0.006
+    winding.outer_radius=5e-3 | winding.inner_radius | not below outer_radius = 0.005
     inflation={pressure=9.0, fill=0.5} | inflation.fill | fibre_angle
     segment.shear_modulus=1e-30 | segment.shear_modulus | a larger modulus
     """,

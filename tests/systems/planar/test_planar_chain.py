@@ -29,9 +29,10 @@ from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.planar.dynamics.chain import Axes, chain_places, planar_chain
 from wormopt.systems.planar.dynamics.driven import driven_shape, stop_of
-from wormopt.systems.planar.dynamics.motion import energy_error, measure_works, swing
+from wormopt.systems.planar.dynamics.motion import energy_error, swing
 from wormopt.systems.planar.obstacles import Disc, Wall
 from wormopt.systems.planar.shape import Harmonics, chain_shape, rigid_shape
+from wormopt.systems.shared.models import measure_works
 
 NUMBERS: dict[str, Any] = {
     "mass": 1.0, "stiffness": 10.0, "damping": 1.0, "rest_length": 1.0,

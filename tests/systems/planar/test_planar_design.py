@@ -22,7 +22,6 @@ from wormopt.study import load_scene
 from wormopt.systems.planar.crawling.crawl import crawl
 from wormopt.systems.planar.design.aim import Dry, Ground, PlanarAim, Viscous, root
 from wormopt.systems.planar.design.gaits import (
-    Course,
     PlanarDesign,
     crossings,
     design_stroke,
@@ -145,7 +144,7 @@ def test_roots_of_poses_lead_there_when_repeated(pose: tuple[float, float, float
 
 
 def test_an_open_course_is_one_whose_shape_does_not_return():
-    course = Course(np.array([[0.0], [1.0], [0.5]]))
+    course = Polygon([[0.0], [1.0], [0.5]], closed=False)
     s, ds = course.at([0.0, 0.25, 0.75, 1.0])
     assert s.ravel() == pytest.approx([0.0, 0.5, 0.75, 0.5])
     assert ds.ravel() == pytest.approx([2.0, 2.0, -1.0, -1.0])

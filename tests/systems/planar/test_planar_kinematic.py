@@ -14,12 +14,11 @@ from wormopt.systems.planar.kinematic import (
     Phase,
     held,
     kinematic_motion,
-    kinematics_at,
     loads,
 )
 from wormopt.systems.planar.path.simulate import simulate_held
 from wormopt.systems.planar.poses import compose, inverse, rotate
-from wormopt.systems.planar.shape import Harmonics, Polygon, chain_shape
+from wormopt.systems.planar.shape import Harmonics, Polygon, chain_shape, kinematics_at
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -25,7 +25,6 @@ from wormopt.systems.planar.path.plan import (
     Fitted,
     Looked,
     Route,
-    SearchOptions,
     plan_path,
     polished,
     routes,
@@ -232,7 +231,7 @@ def test_search_finds_what_brute_force_finds(seed: int, cost: Cost):
     task = between_poses(np.zeros(3), goal, near, obstacles=obstacles)
     best = by_brute_force(task, lib, near, cost)
     # a path of more than four steps may be cheaper by work or time: look at those of its cost only
-    found = next(routes(task, lib, near, SearchOptions(cost, most=600), Looked()), None)
+    found = next(routes(task, lib, near, Looked(), cost=cost, most=600), None)
     assume(np.isfinite(best))
     assert found is not None
     assert found.cost <= best * (1 + 1e-12)
@@ -244,9 +243,7 @@ def test_routes_come_cheapest_first_and_end_near_the_goal():
     task = between_poses(np.zeros(3), np.array([1.5, 0.3, 0.4]), NEAR)
     looked = Looked()
     seen = []
-    for route in routes(
-        task, library(), NEAR, SearchOptions("work", (0.02, 0.02), most=400), looked
-    ):
+    for route in routes(task, library(), NEAR, looked, cost="work", cell=(0.02, 0.02), most=400):
         seen.append(route.cost)
         end = chained(task.start, [library().steps[k] for k in route.steps])[-1]
         assert np.abs(end - route.end).max() < 1e-12
@@ -265,10 +262,11 @@ def test_turned_and_mirrored_tasks_have_the_same_routes(seed: int):
     noise = np.random.default_rng(seed)
     goal = np.array([*noise.uniform(-1.5, 1.5, 2), noise.uniform(-2, 2)])
     moved = np.array([*noise.uniform(-5, 5, 2), noise.uniform(-3, 3)])
-    options = SearchOptions("time", (0.1, 0.1), most=300)
 
     def first(start: np.ndarray, end: np.ndarray, lib: Library) -> Route | None:
-        return next(routes(between_poses(start, end, NEAR), lib, NEAR, options, Looked()), None)
+        task, cell = between_poses(start, end, NEAR), (0.1, 0.1)
+        found = routes(task, lib, NEAR, Looked(), cost="time", cell=cell, most=300)
+        return next(found, None)
 
     one, turned = first(np.zeros(3), goal, sides()), first(moved, compose(moved, goal), sides())
     other = first(np.zeros(3), mirrored(goal), swapped())

@@ -26,13 +26,13 @@ from wormopt.systems.planar.dynamics.chain import Axes, chain_places, planar_cha
 from wormopt.systems.planar.dynamics.motion import (
     closed_link,
     energy_error,
-    measure_works,
     step_again,
     stepper_of,
     swing,
     watch_links,
 )
 from wormopt.systems.planar.shape import Harmonics
+from wormopt.systems.shared.models import measure_works
 
 GROUNDS = ("elliptic", "unit", "box", "skid")
 PERIOD, END = 2.5, 1.5

@@ -530,3 +530,14 @@ def test_waves_that_hand_the_load_over_are_tried_first(mass):
         sets = [set(phase) for phase in order]
         assert all(sets[k] == sets[k - 1] | sets[(k + 1) % 10] for k in range(1, 10, 2))
     assert len(waves) == 3 * (1 if mass == 1.0 else 2)
+
+
+def test_a_further_mass_at_each_end_takes_load_of_the_accordion():
+    """Two spikes carry what one did while most of the way is made."""
+    task = GaitProblem(Worm(4, load=5.0), G1_LIMITS, Objective("peak_spike_load", 0.8))
+    ends = ((0,), (4,)), ((0,), (0, 1), (0,), (4,), (3, 4), (4,))
+    assert {*ends} <= {*first_orders(task)}
+    alone, relieved = (trial.Trier(task).free(order) for order in ends)
+    assert alone is not None
+    assert relieved is not None
+    assert relieved.cost < 0.7 * alone.cost

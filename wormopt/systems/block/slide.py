@@ -262,7 +262,6 @@ class Slide(OptimalMotion, kind="slide"):
     # -- results -----------------------------------------------------------------------------------
 
     def expressions(self) -> dict[str, ca.SX]:
-        """Return the signals to sample."""
         model = self.motion.program.problem.model
         signals = {name: model[name] for name in ("position", "velocity", "force")}
         return {**signals, "contact_force": model.forces}

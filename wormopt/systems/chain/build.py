@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from numbers import Integral
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,6 +17,7 @@ from wormopt.model.schedule import ParameterPath, Schedule
 from wormopt.model.values import numbers_of
 from wormopt.systems.shared.parameters import (
     first_numbers,
+    laws_of_each,
     parameter,
     varied_parameter,
 )
@@ -128,7 +128,7 @@ def chain(
     springs = (elastic, damped, resting)
     parameters += [s for s in springs if isinstance(s, Signal)]
 
-    laws, friction = lift(_laws(law, masses))
+    laws, friction = lift([] if law is None else laws_of_each(law, masses))
     force = ca.SX.sym("friction", len(laws))
     ground = force if laws else ca.SX(masses, 1)
 
@@ -176,23 +176,6 @@ def chain(
         ],
         schedules=[s for s in springs if isinstance(s, Schedule)],
     )
-
-
-def _laws(law: Law | Sequence[Law] | None, masses: int) -> Sequence[Law]:
-    if law is None:
-        return ()
-    laws: list[Any] = [law] * masses
-    if isinstance(law, Sequence) and not isinstance(law, str):
-        laws = [*law]
-    if len(laws) != masses:
-        raise ArgumentError(f"law has {len(laws)} entries; give one law, or {masses}, one per mass")
-    for each in {type(each): each for each in laws}.values():
-        if not isinstance(each, Law) or isinstance(each, type):
-            raise ArgumentError(
-                f"law contains {each!r}, which is not a friction law; write Coulomb(forward, "
-                "backward), for example"
-            )
-    return laws
 
 
 def _stretched(rest_length: ArrayLike | ParameterPath, links: int) -> np.ndarray:

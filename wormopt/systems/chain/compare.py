@@ -183,7 +183,6 @@ class Rivals(Following):
 
     @scalars(_COUNTS, headline=("tube_radius", "draws", "draws_failed", "draws_outside"))
     def totals(self) -> dict[str, Any]:
-        """Numbers of plants."""
         return {
             "tube_radius": self.tube.radius,
             "draws": self.draws.members,
@@ -193,7 +192,6 @@ class Rivals(Following):
 
     @scalars(JUDGED, headline=("distance",))
     def numbers(self) -> dict[str, Any]:
-        """Quantities of the nominal plant."""
         return {
             name: [[each and each.numbers[name] for each in row] for row in self.rows]
             for name in JUDGED
@@ -201,7 +199,6 @@ class Rivals(Following):
 
     @scalar("share", "error of the second route for the first reference, without trackers")
     def recheck_error(self) -> float | None:
-        """Largest error of the second routes."""
         found = [each.second.error for each in self.runs[0] if each.second]
         return max((error for error in found if error is not None), default=None)
 
@@ -231,7 +228,6 @@ class Rivals(Following):
 
     @arrays(_DRAWN)
     def on_drawn(self) -> dict[str, Any]:
-        """Quantities of the drawn plants."""
         return {
             f"drawn_{name}": np.array([[d.values[name] for d in row] for row in self.drawn_rows])
             for name in JUDGED
@@ -239,7 +235,6 @@ class Rivals(Following):
 
     @arrays(_INTERVALS)
     def intervals(self) -> dict[str, Any]:
-        """Intervals of quantities over the plants, and numbers of plants with the lower value."""
         rows = self.drawn_rows
         found = {"outside_share": np.array([[d.outside_share for d in row] for row in rows])}
         for name in RANKED:
@@ -250,7 +245,6 @@ class Rivals(Following):
 
     @attributes
     def names(self) -> dict[str, Any]:
-        """Names, and the text of the table file."""
         return {
             "references": [*self.references],
             "rivals": self.rivals,
@@ -283,14 +277,12 @@ class Rivals(Following):
 
     @checks
     def checks_of_motions(self) -> Iterator[Check]:
-        """Second routes, energies and funnels of the nominal plant."""
         for reference, row in zip(self.references, self.runs, strict=True):
             for each in row:
                 yield from each.checks(self.tolerance.options, f"{reference}, {each.name}")
 
     @facts
     def agreement(self) -> dict[str, Any]:
-        """How well the routes of the motions agree."""
         first = self.runs[0]
         residuals = [abs(each.energy.residual) for row in self.runs for each in row if each.energy]
         return {
@@ -304,7 +296,6 @@ class Rivals(Following):
 
     @warnings
     def lost(self) -> Iterator[str]:
-        """Warnings of lost plants, failed simulations and missing rechecks."""
         for reference, row in zip(self.references, self.runs, strict=True):
             for each in row:
                 yield from each.warnings(f"{reference}, {each.name}")
@@ -332,7 +323,6 @@ class _Asked(Rivals):
     """A comparison of loops that Python functions close, with these in its `__dict__`."""
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what no single key shows; there is no scene with a plant."""
         yield from self.tube.faults_in(self.time.end)
         yield from faults_of_hardware(self.hardware, self.time.end)
 

@@ -382,13 +382,11 @@ class CompareTracking(Rivals, kind="compare-tracking"):
 
     @arrays(_KNOWN, when="draws.known")
     def on_known(self) -> dict[str, Any]:
-        """Quantities of plants with known parameters."""
         known = self.known.values()
         return {f"known_{name}": np.array([d.values[name] for d in known]) for name in JUDGED}
 
     @attributes
     def plants_known(self) -> dict[str, Any]:
-        """Names of the plans that were made with known parameters."""
         return {"known": [*self.known]}
 
     def tables(self) -> Iterator[str]:
@@ -405,7 +403,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
 
     @facts
     def computed_by(self) -> dict[str, Any]:
-        """How motions, plans and decisions were computed."""
         return {
             "treatment": "complementarity in the optimiser, exact in every simulation",
             "plans": [{n: made.numbers for n, made in row.items()} for row in self.plans],
@@ -414,7 +411,6 @@ class CompareTracking(Rivals, kind="compare-tracking"):
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of missing plans and failed decisions."""
         for reference, row in zip(self.references, self.decisions, strict=True):
             for name, decided in row.items():
                 if decided.nominal is None:

@@ -126,7 +126,6 @@ class Draws(DrawnPlants):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if more plants are known than there are."""
         if self.known > self.members:
             yield "known", f"is more than draws.members = {self.members}; write less"
 
@@ -178,7 +177,6 @@ class Crawl(Given):
     arcs: int = whole(10, 1000, "arcs over a period in the first solve", default=60)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the lengths do not ascend."""
         yield from wrong_order("length", self.length, may_be_equal=False)
 
     def optimum(self, plant: Model) -> Optimum:

@@ -12,7 +12,7 @@ from wormopt.model.friction import Viscous
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.optimise import Optimum
 from wormopt.study.types import per
-from wormopt.systems.chain.crawl_search import CrawlTask
+from wormopt.systems.chain.crawl_study import CrawlStudy
 from wormopt.systems.chain.loops import laws_of
 from wormopt.systems.shared.optimum import sample_motion
 
@@ -36,15 +36,15 @@ class Slope:
     elasticity: float
 
 
-def slopes(task: CrawlTask, optimum: Optimum, cycles: int) -> list[Slope]:
+def slopes(study: CrawlStudy, optimum: Optimum, cycles: int) -> list[Slope]:
     """Derivatives of the maximised speed, or of the cost, by all limits, from the multipliers.
 
     The order of rests does not change. The derivative by a limit that does not bind is 0.
     """
     size = abs(optimum.objective) or 1.0
-    sign = 1.0 if task.objective.minimise else -1.0
+    sign = 1.0 if study.objective.minimise else -1.0
     found = []
-    for name, value, quantity, slope in _slopes(task, optimum, cycles):
+    for name, value, quantity, slope in _slopes(study, optimum, cycles):
         elasticity = sign * slope * value / size
         binds = abs(elasticity) > _NOTHING
         known = (sign * slope, elasticity) if binds else (0.0, 0.0)
@@ -53,9 +53,9 @@ def slopes(task: CrawlTask, optimum: Optimum, cycles: int) -> list[Slope]:
 
 
 def _slopes(
-    task: CrawlTask, optimum: Optimum, cycles: int
+    study: CrawlStudy, optimum: Optimum, cycles: int
 ) -> Iterator[tuple[str, float, str, float]]:
-    limits, links = task.limits, task.worm.links
+    limits, links = study.limits, study.worm.links
 
     def price(name: str) -> tuple[np.ndarray, np.ndarray]:
         nothing = np.zeros(links)
@@ -83,7 +83,7 @@ def _slopes(
         yield from _each(key, getattr(limits, key), quantity, high - low)
     for key, quantity in (("actuator_power", "power"), ("energy_per_cycle", "energy")):
         yield from _each(key, getattr(limits, key), quantity, price(f"limits.{key}")[1])
-    yield from _each("objective.speed", task.objective.speed, "speed", price("objective.speed")[0])
+    yield from _each("objective.speed", study.objective.speed, "speed", price("objective.speed")[0])
 
 
 def _each(
@@ -116,14 +116,14 @@ def excess_of(motion: Motion) -> dict[str, float]:
 # -- a bound on every crawl ------------------------------------------------------------------------
 
 
-def bound_of(task: CrawlTask) -> float | None:
+def bound_of(study: CrawlStudy) -> float | None:
     """Least value of the objective that any crawl within the limits can have; None if unknown.
 
     Over a cycle, springs and masses keep their energy. Actuators give what dashpots and the ground
     take. With a_j, the mean of |l_j'|, a link gives at most u_j a_j - d_j a_j^2, and ground, drag
     and load take at least sum(F+_i + load_i) V + sum(k_i) V^2 at the mean speed V.
     """
-    worm, aim, masses = task.worm, task.objective, task.worm.links + 1
+    worm, aim, masses = study.worm, study.objective, study.worm.links + 1
     laws = laws_of(worm)
     drag = sum(per(worm.drag, masses)) + sum(
         float(law.drag) for law in laws if isinstance(law, Viscous)
@@ -133,7 +133,7 @@ def bound_of(task: CrawlTask) -> float | None:
     )
     if aim.minimise is not None:
         return max(0.0, force + drag * (aim.speed or 0.0)) / sum(per(worm.mass, masses))
-    power = sum(_power(*one) for one in _links(task))
+    power = sum(_power(*one) for one in _links(study))
     root = math.sqrt(force**2 + 4 * drag * power)
     if not math.isfinite(power) or (force <= 0.0 and not drag):
         return None
@@ -141,14 +141,14 @@ def bound_of(task: CrawlTask) -> float | None:
     speed = 2 * power / (force + root) if force > 0.0 else (root - force) / (2 * drag)
     if aim.effort and force > 0.0:
         # with less force an actuator gives less power, but costs less
-        worth = (_worth(*one, price=force, effort=aim.effort) for one in _links(task))
+        worth = (_worth(*one, price=force, effort=aim.effort) for one in _links(study))
         speed = min(speed, sum(worth))
     return -speed
 
 
-def _links(task: CrawlTask) -> Iterator[tuple[float, float, float, float]]:
+def _links(study: CrawlStudy) -> Iterator[tuple[float, float, float, float]]:
     """Largest force, damping, largest rate and power of each link."""
-    limits, n = task.limits, task.worm.links
+    limits, n = study.limits, study.worm.links
     ranges = limits.length_ranges(n) or ((0.0, math.inf),) * n
     most = per(limits.acceleration or math.inf, n)
     # a link that turns within its range at a bounded acceleration has a bounded rate
@@ -156,7 +156,7 @@ def _links(task: CrawlTask) -> Iterator[tuple[float, float, float, float]]:
     rates = map(min, per(limits.rate or math.inf, n), implied)
     powers = per(limits.actuator_power or math.inf, n)
     forces = per(limits.actuator_force, n)
-    return zip(forces, per(task.worm.damping, n), rates, powers, strict=True)
+    return zip(forces, per(study.worm.damping, n), rates, powers, strict=True)
 
 
 def _power(force: float, damping: float, rate: float, power: float) -> float:

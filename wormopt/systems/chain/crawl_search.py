@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 
 from wormopt.errors import SolveError
-from wormopt.model.model import Model
 from wormopt.numerics.collocation import Collocation
 from wormopt.numerics.workers import each
 from wormopt.ocp.contact import Complementarity, Regularised, SwitchDetection
@@ -19,24 +18,15 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Curve, Guess, Motion
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
 from wormopt.ocp.optimise import Contacts, Level, Optimum, optimise
-from wormopt.ocp.problem import Problem
 from wormopt.ocp.switching import optimise_switching_times, structure_of
 from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report, silent
-from wormopt.study.numerics import MeshTable
-from wormopt.study.numerics import Start as AtRest
 from wormopt.study.types import per
-from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
-from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits, Robust
-from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
-from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
-from wormopt.systems.chain.tables import ChainTable
+from wormopt.systems.chain.crawl_study import USUAL_SIZES, CrawlStudy
+from wormopt.systems.chain.dynamic import sine_guess
+from wormopt.systems.chain.loops import laws_of
 from wormopt.systems.spiked import GaitProblem, Limits, Objective, Search, Worm, designed
 
-# The least friction counts, but at least this share of the largest.
-_FRICTION = 1e-2
-# Largest input in nominal sizes.
-_USUAL_SIZES = 20.0
 # Samples of a motion that determine its size and its score.
 _SAMPLES = 512
 # Arcs of the first solves, and their relaxations of contact.
@@ -71,100 +61,6 @@ _LEAST, _MOST = 7, 16
 _WIDE, _NARROW = 4.0, 2.0
 
 
-# -- what is optimised -----------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class CrawlTask:
-    """An optimal crawl as other processes are sent it."""
-
-    worm: ChainTable
-    limits: CrawlLimits
-    objective: Aim
-    mesh: MeshTable
-    starts: int
-    seed: int
-    earlier: Earlier | None
-    robust: Robust | None
-
-    def __reduce__(self) -> Any:  # without what is cached
-        return type(self), tuple(vars(self)[field.name] for field in fields(self))
-
-    @property
-    def single_chain(self) -> bool:
-        """Whether the crawl is designed for one chain."""
-        return self.robust is None
-
-    @cached_property
-    def plant(self) -> Model:
-        """The nominal chain, in usual sizes of its rest lengths and periods."""
-        rest = float(np.mean(per(self.worm.rest_length, self.worm.links)))
-        size = rest / 2 if rest > 0 else 1.0
-        links = draw_links(self.worm, 1.0)
-        return build_chain(self.worm, AtRest(), links, size, self.limits.period_range[1])
-
-    @cached_property
-    def draws(self) -> list[dict[str, np.ndarray]]:
-        """Parameters of each chain that differ from the nominal ones; the first is nominal."""
-        if self.robust is None:
-            return [{}]
-        random, own = np.random.default_rng(self.robust.seed), numbers_of(self.plant)
-        factors = [draw_factors(own, self.robust.spread, random) for _ in range(self.robust.draws)]
-        return [{}, *({name: own[name] * f for name, f in drawn.items()} for drawn in factors)]
-
-    @cached_property
-    def reach(self) -> float:
-        """Usual amplitude of the lengths of links, by their range if they have one."""
-        usual, ranges = self.plant.x[0].nominal, self.limits.length_ranges(self.worm.links)
-        if ranges is None:
-            return usual
-        return min(max(high - low for low, high in ranges) / 2, 2 * usual)
-
-    def needed(self, rate: float) -> float:
-        """Force that moves links of this rate through their reach, against ground and load.
-
-        More force seldom helps, so it replaces limits that are far above it.
-        """
-        worm, masses = self.worm, self.worm.links + 1
-        slips = (s * float(law.slip_force(-s * rate, -s)) for law in laws_of(worm) for s in (1, -1))
-        ground = sum(map(abs, per(worm.pull, masses))) + sum(filter(math.isfinite, map(abs, slips)))
-        inertia = sum(per(worm.mass, masses)) * rate / self.reach
-        links = max(per(worm.stiffness, 1)) * self.reach + max(per(worm.damping, 1)) * rate
-        return links + (inertia + sum(per(worm.drag, masses))) * rate + ground
-
-    def sized(self, speed: float) -> Model:
-        """Scale the plant by the usual size of velocities, and by friction.
-
-        Masses and periods alone give forces that are too small by orders of magnitude for light
-        worms.
-        """
-        position, velocity = self.plant.x
-        velocity = replace(velocity, nominal=max(speed, velocity.nominal / 10))
-        plant, most = self.plant, max(per(self.limits.actuator_force, 1))
-        force = min(most, _USUAL_SIZES * self.needed(velocity.nominal))
-        held = [end for law in laws_of(self.worm) for end in law.stick_interval]
-        sizes = np.abs(np.array(held, dtype=float))
-        sizes = np.minimum(sizes[sizes > 0], force)
-        friction = float(max(sizes.min(), _FRICTION * sizes.max()) if len(sizes) else force)
-        return replace(
-            plant,
-            x=[position, velocity],
-            u=[replace(u, nominal=max(friction, force / _USUAL_SIZES)) for u in plant.u],
-            contacts=[
-                replace(c, nominal_force=friction, nominal_speed=velocity.nominal)
-                for c in plant.contacts
-            ],
-        )
-
-    def problem(self, speed: float) -> Problem:
-        """State the problem where velocities have this usual size."""
-        plant = self.sized(speed)
-        if self.robust is None:
-            return crawl_problem(plant, self.limits, self.objective)
-        copies = scenario_model(plant, self.draws)
-        return crawl_problem(copies, self.limits, self.objective, self.robust.judge)
-
-
 # -- optima between processes ----------------------------------------------------------------------
 
 
@@ -181,9 +77,9 @@ class Solved:
     levels: tuple[Level, ...]
     build_s: float
 
-    def optimum(self, task: CrawlTask) -> Optimum:
+    def optimum(self, study: CrawlStudy) -> Optimum:
         """Return the optimum with its program."""
-        problem = replace(task.problem(self.speed), duration=self.duration)
+        problem = replace(study.problem(self.speed), duration=self.duration)
         program = Transcription(problem, self.mesh, self.treatment)
         motion = Motion.of(program, self.solution.w, self.bounds)
         return Optimum(
@@ -216,7 +112,7 @@ def _sent(found: Optimum) -> Solved:
 class Start(Protocol):
     """Recipe of a first guess."""
 
-    def guess(self, task: CrawlTask) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Make the guess; SolveError if this is impossible."""
         ...
 
@@ -229,10 +125,10 @@ class Wave:
     force: float
     phase: tuple[float, ...]
 
-    def guess(self, task: CrawlTask) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Return the last of several simulated cycles."""
         phase = np.array(self.phase)
-        return sine_guess(task.plant, self.duration, self.force, phase, len(task.draws))
+        return sine_guess(study.plant, self.duration, self.force, phase, len(study.draws))
 
 
 @dataclass(frozen=True)
@@ -244,7 +140,7 @@ class Earlier:
     inputs: np.ndarray  # (n_u, m)
     forces: np.ndarray  # (contacts, m)
 
-    def guess(self, task: CrawlTask) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Interpolate it."""
         states, inputs, forces = (
             polyline(self.time, rows) for rows in (self.states, self.inputs, self.forces)
@@ -258,12 +154,12 @@ class Smoothed:
 
     start: Start
 
-    def guess(self, task: CrawlTask) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Return the smooth optimum."""
-        near = self.start.guess(task)
-        speed = task.sized(speed_of(task, near)).x[1].nominal
+        near = self.start.guess(study)
+        speed = study.sized(speed_of(study, near)).x[1].nominal
         widths = Regularised(0.1 * speed, speed)
-        return _coarse(task, near, widths).motion.guess
+        return _coarse(study, near, widths).motion.guess
 
 
 @dataclass(frozen=True)
@@ -272,21 +168,21 @@ class Spiked:
 
     duration: float
 
-    def guess(self, task: CrawlTask) -> Guess:
+    def guess(self, study: CrawlStudy) -> Guess:
         """Return the designed motion with the actuator forces that it needs."""
-        worm, limits, links = task.worm, task.limits, task.worm.links
+        worm, limits, links = study.worm, study.limits, study.worm.links
         masses = np.array(per(worm.mass, links + 1))
-        needed = task.needed(2 * math.pi * task.reach / self.duration)
+        needed = study.needed(2 * math.pi * study.reach / self.duration)
         force = np.minimum(per(limits.actuator_force, links), needed)
         rest = np.array(per(worm.rest_length, links))
         ranges = limits.length_ranges(links) or tuple((0.7 * r, 1.3 * r) for r in rest.tolist())
-        ranges = tuple((low, min(high, low + 4 * task.reach)) for low, high in ranges)
+        ranges = tuple((low, min(high, low + 4 * study.reach)) for low, high in ranges)
         swing = np.array([high - low for low, high in ranges])
         fast, strong = 2 * swing / self.duration, force / masses.mean()
         most = per(limits.acceleration or strong.tolist(), links)
         rate = per(limits.rate or fast.tolist(), links)
-        most = tuple(np.minimum(most, _USUAL_SIZES * strong).tolist())
-        rate = tuple(np.minimum(rate, _USUAL_SIZES * fast).tolist())
+        most = tuple(np.minimum(most, USUAL_SIZES * strong).tolist())
+        rate = tuple(np.minimum(rate, USUAL_SIZES * fast).tolist())
         ahead = [max(0.0, -float(law.slip_force(1.0, 1))) for law in laws_of(worm)]
         load, least = np.array(per(worm.pull, links + 1)) + ahead, 1e-9 * float(force.max())
         problem = GaitProblem(
@@ -310,49 +206,48 @@ def polyline(t: np.ndarray, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarr
     return lambda at: np.array([np.interp(at, t, row) for row in rows])
 
 
-def speed_of(task: CrawlTask, near: Guess) -> float:
+def speed_of(study: CrawlStudy, near: Guess) -> float:
     """Root mean square of the velocities of a motion."""
-    masses = task.worm.links + 1
+    masses = study.worm.links + 1
     states = near.states(np.linspace(0.0, near.duration, _SAMPLES))
     return float(np.sqrt(np.mean(states[masses : 2 * masses] ** 2)))
 
 
-def starts(task: CrawlTask) -> list[Start]:
+def starts(study: CrawlStudy, earlier: Earlier | None) -> list[Start]:
     """Return the best waves, a designed spiked gait, a smooth optimum, and random waves."""
-    waves = _waves(task)
-    ways: list[Start] = [waves[0]]
-    if task.single_chain:
+    ways: list[Start] = [] if earlier is None else [earlier]
+    waves = _waves(study)
+    ways.append(waves[0])
+    if study.single_chain:
         ways += [Smoothed(waves[0]), Spiked(waves[0].duration)]
     ways += waves[1:]
-    if task.earlier is not None:
-        ways = [task.earlier, *ways]
-    random = np.random.default_rng(task.seed)
-    while len(ways) < task.starts:
+    random = np.random.default_rng(study.search.seed)
+    while len(ways) < study.search.starts:
         near = waves[len(ways) % 2]
-        phase = random.uniform(0, 2 * np.pi, task.worm.links)
+        phase = random.uniform(0, 2 * np.pi, study.worm.links)
         duration, share = near.duration * random.uniform(0.6, 1.6), random.uniform(0.3, 1.0)
         ways.append(Wave(duration, share * near.force, tuple(phase.tolist())))
-    return ways[: task.starts]
+    return ways[: study.search.starts]
 
 
-def _waves(task: CrawlTask) -> list[Wave]:
+def _waves(study: CrawlStudy) -> list[Wave]:
     """Simulate waves of several durations, strengths and phases; the best two, unlike ones."""
-    links, most = task.worm.links, min(per(task.limits.actuator_force, task.worm.links))
+    links, most = study.worm.links, min(per(study.limits.actuator_force, study.worm.links))
     along = 2 * np.pi / (links + 1) * np.arange(links)
     scored: list[tuple[float, Wave]] = []
 
     def tried(duration: float, force: float, phase: np.ndarray) -> float:
-        duration = float(np.clip(duration, *task.limits.durations_near(duration, 1.0)))
+        duration = float(np.clip(duration, *study.limits.durations_near(duration, 1.0)))
         wave = Wave(duration, force, tuple(phase.tolist()))
-        scored.append((_score(task, wave), wave))
+        scored.append((_score(study, wave), wave))
         return scored[-1][0]
 
     def forces(duration: float) -> Iterator[float]:
-        needed = task.needed(2 * np.pi * task.reach / duration)
+        needed = study.needed(2 * np.pi * study.reach / duration)
         shares = _SHARES[:2] if most <= needed else _SHARES
         return (share * min(most, needed) for share in shares)
 
-    duration, best = task.limits.period_range[1], -math.inf
+    duration, best = study.limits.period_range[1], -math.inf
     for k in range(_MOST):
         score = max(tried(duration, force, along) for force in forces(duration))
         if k >= _LEAST and score < best:
@@ -369,23 +264,23 @@ def _waves(task: CrawlTask) -> list[Wave]:
     return [first, next(others, first)]
 
 
-def _score(task: CrawlTask, wave: Wave) -> float:
+def _score(study: CrawlStudy, wave: Wave) -> float:
     """Objective of a wave, larger is better, less what exceeds the limits of lengths."""
     try:
-        near = wave.guess(task)
+        near = wave.guess(study)
     except SolveError:
         return -math.inf
-    masses, aim = task.worm.links + 1, task.objective
+    masses, aim = study.worm.links + 1, study.objective
     t = np.linspace(0.0, near.duration, _SAMPLES)
     x = near.states(t)
     if not np.all(np.isfinite(x)):
         return -math.inf
     speed = float(x[0, -1] - x[0, 0]) / near.duration
     size = float(np.sqrt(np.mean(x[masses : 2 * masses] ** 2)))
-    score = speed - aim.effort * task.worm.links * wave.force**2 / 2
+    score = speed - aim.effort * study.worm.links * wave.force**2 / 2
     if aim.speed is not None:
         score = min(speed, aim.speed)
-    if (ranges := task.limits.length_ranges(task.worm.links)) is not None:
+    if (ranges := study.limits.length_ranges(study.worm.links)) is not None:
         low, high = np.array(ranges).T
         length = x[: masses - 1] - x[1:masses]
         over = np.maximum(low - length.min(axis=1), length.max(axis=1) - high) / (high - low)
@@ -397,7 +292,7 @@ def _score(task: CrawlTask, wave: Wave) -> float:
 
 
 def _solved(
-    task: CrawlTask,
+    study: CrawlStudy,
     near: Guess,
     mesh: Mesh,
     treatment: Contacts,
@@ -409,17 +304,17 @@ def _solved(
     """Solve near a motion, with a cycle of a duration at most a ratio from its own."""
     duration = (near.duration, near.duration)
     if ratio > 1.0:
-        duration = task.limits.durations_near(near.duration, ratio)
-    problem = replace(task.problem(speed_of(task, near)), duration=duration)
+        duration = study.limits.durations_near(near.duration, ratio)
+    problem = replace(study.problem(speed_of(study, near)), duration=duration)
     return optimise(problem, mesh, treatment, near, solver=solver, explain=explain)
 
 
 def _coarse(
-    task: CrawlTask, near: Guess, treatment: Contacts = _RELAXED, *, explain: bool = False
+    study: CrawlStudy, near: Guess, treatment: Contacts = _RELAXED, *, explain: bool = False
 ) -> Optimum:
-    arcs = min(_COARSE, task.mesh.arcs)
+    arcs = min(_COARSE, study.mesh.arcs)
     mesh = Mesh.even(1, arcs, Collocation(2, "radau"))
-    return _solved(task, near, mesh, treatment, _FEW, _WIDE, explain=explain)
+    return _solved(study, near, mesh, treatment, _FEW, _WIDE, explain=explain)
 
 
 def _whole(found: Optimum) -> Guess:
@@ -427,9 +322,9 @@ def _whole(found: Optimum) -> Guess:
     return replace(found.motion.guess, phases=None)
 
 
-def coarse(task: CrawlTask, start: Start) -> Solved | None:
+def coarse(study: CrawlStudy, start: Start) -> Solved | None:
     """Solve with relaxed contact on a coarse mesh; None if this fails."""
-    return _found(lambda: _coarse(task, start.guess(task)))
+    return _found(lambda: _coarse(study, start.guess(study)))
 
 
 def _found(solve: Callable[[], Optimum]) -> Solved | None:
@@ -457,7 +352,7 @@ def _stretched(near: Guess, duration: float) -> Guess:
 
 
 def _sharp(
-    task: CrawlTask,
+    study: CrawlStudy,
     near: Guess,
     arcs: int,
     duration: float | None = None,
@@ -467,99 +362,101 @@ def _sharp(
     mesh = Mesh(
         arcs,
         1,
-        Collocation(task.mesh.degree, task.mesh.scheme),
-        max(0, task.mesh.degree - 2),
+        Collocation(study.mesh.degree, study.mesh.scheme),
+        max(0, study.mesh.degree - 2),
         spans=(_SPANS[0] * near.duration / arcs, _SPANS[1] * near.duration / arcs),
     )
     if duration is not None:
         near = _stretched(near, duration)
     ratio = _NARROW if duration is None else 1.0
     solver = _NEARBY if treatment is _DETECTED else _LAST
-    return _solved(task, near, mesh, treatment, solver, ratio)
+    return _solved(study, near, mesh, treatment, solver, ratio)
 
 
-def sharp(task: CrawlTask, first: Solved) -> Solved | None:
+def sharp(study: CrawlStudy, first: Solved) -> Solved | None:
     """Sharpen a coarse optimum; None if this fails."""
-    return _found(lambda: _sharp(task, _whole(first.optimum(task)), task.mesh.arcs))
+    return _found(lambda: _sharp(study, _whole(first.optimum(study)), study.mesh.arcs))
 
 
-def polished(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
+def polished(study: CrawlStudy, found: Solved, report: Report) -> Solved | None:
     """Solve with the phases that the switches show, exactly; None if this fails."""
-    detected = found.optimum(task)
+    detected = found.optimum(study)
     phases = structure_of(detected.motion, speed=None).durations
-    if len(phases) > task.mesh.arcs / _ARCS_A_PHASE:
+    if len(phases) > study.mesh.arcs / _ARCS_A_PHASE:
         return None
     return _found(
         lambda: optimise_switching_times(
             detected,
             collocation=_PHASE,
-            tolerance=task.mesh.tolerance,
+            tolerance=study.mesh.tolerance,
             solver=_POLISH,
             report=report,
         )
     )
 
 
-def _halved(task: CrawlTask, found: Solved, report: Report) -> Solved | None:
+def _halved(study: CrawlStudy, found: Solved, report: Report) -> Solved | None:
     """Solve with arcs halved; None if this fails."""
-    motion = found.optimum(task).motion
+    motion = found.optimum(study).motion
     halves = np.repeat(motion.arcs.duration / 2, 2)
     report(f"solving with {len(halves)} arcs", None)
     near = replace(motion.guess, phases=halves)
     fixed = found.duration[0] == found.duration[1]
     duration = motion.duration if fixed else None
-    return _found(lambda: _sharp(task, near, len(halves), duration, _HALVED))
+    return _found(lambda: _sharp(study, near, len(halves), duration, _HALVED))
 
 
-def search(task: CrawlTask, report: Report) -> tuple[dict[str, Solved], list[float]]:
+def search(
+    study: CrawlStudy, earlier: Earlier | None, report: Report
+) -> tuple[dict[str, Solved], list[float]]:
     """Solve from all starts; the optima of each stage, and the coarse objectives of all starts."""
     report("simulating waves", None)
-    first = starts(task)
+    first = starts(study, earlier)
     found: list[Solved | None] = [None] * len(first)
-    for k, one in each(partial(coarse, task), first, report, "starts"):
+    for k, one in each(partial(coarse, study), first, report, "starts"):
         found[k] = one
     objectives = [math.nan if one is None else one.objective for one in found]
     ranked = sorted((one for one in found if one is not None), key=lambda one: one.objective)
     if not ranked:
-        ranked = [_sent(_coarse(task, first[0].guess(task), explain=True))]
-    if not task.single_chain:
-        near = ranked[0].optimum(task).motion.guess
-        mesh = Mesh.even(1, task.mesh.arcs, Collocation(task.mesh.degree, task.mesh.scheme))
-        fine = _solved(task, near, mesh, _FINE, _NEARBY, _NARROW)
+        ranked = [_sent(_coarse(study, first[0].guess(study), explain=True))]
+    if not study.single_chain:
+        near = ranked[0].optimum(study).motion.guess
+        mesh = Mesh.even(1, study.mesh.arcs, Collocation(study.mesh.degree, study.mesh.scheme))
+        fine = _solved(study, near, mesh, _FINE, _NEARBY, _NARROW)
         return {"complementarity": _sent(fine)}, objectives
-    begun, best = _sharpest(task, ranked, report)
-    if task.limits.tick is not None:
-        best = _ticked(task, best)
+    begun, best = _sharpest(study, ranked, report)
+    if study.limits.tick is not None:
+        best = _ticked(study, best)
     stages = {"complementarity": begun, "switches": best}
-    exact = polished(task, best, report)
+    exact = polished(study, best, report)
     if exact is not None and exact.objective <= best.objective + _MISREAD * abs(best.objective):
         return stages | {"phases": exact}, objectives
-    rough = float(best.optimum(task).defects.max()) > _ROUGH
-    if rough and (finer := _halved(task, best, report)) is not None:
+    rough = float(best.optimum(study).defects.max()) > _ROUGH
+    if rough and (finer := _halved(study, best, report)) is not None:
         stages["halves"] = finer
     return stages, objectives
 
 
-def _sharpest(task: CrawlTask, ranked: Sequence[Solved], report: Report) -> tuple[Solved, Solved]:
+def _sharpest(study: CrawlStudy, ranked: Sequence[Solved], report: Report) -> tuple[Solved, Solved]:
     """Sharpen the best optima, or the next ones if this fails; the best, coarse and sharp."""
     best: tuple[Solved, Solved] | None = None
     for pair in _hopeful(ranked):
-        for k, one in each(partial(sharp, task), pair, report, "switches"):
+        for k, one in each(partial(sharp, study), pair, report, "switches"):
             if one is not None and (best is None or one.objective < best[1].objective):
                 best = pair[k], one
         if best is not None:
             break
     if best is None:
-        near = _whole(ranked[0].optimum(task))
-        return ranked[0], _sent(_sharp(task, near, task.mesh.arcs))
+        near = _whole(ranked[0].optimum(study))
+        return ranked[0], _sent(_sharp(study, near, study.mesh.arcs))
     return best
 
 
-def _ticked(task: CrawlTask, best: Solved) -> Solved:
+def _ticked(study: CrawlStudy, best: Solved) -> Solved:
     """Solve again with cycles of whole ticks next to the best one; the better of the two."""
-    limits, guess = task.limits.ticked, best.optimum(task).motion.guess
+    limits, guess = study.limits.ticked, best.optimum(study).motion.guess
     durations = [limits.whole_ticks(k) for k in limits.ticks_of(guess.duration)]
-    found = [_sent(_sharp(task, guess, task.mesh.arcs, one)) for one in durations]
+    found = [_sent(_sharp(study, guess, study.mesh.arcs, one)) for one in durations]
     return min(found, key=lambda one: one.objective)
 
 
@@ -577,12 +474,12 @@ def _hopeful(ranked: Sequence[Solved]) -> Iterator[Sequence[Solved]]:
 # -- convergence of relaxed contact ----------------------------------------------------------------
 
 
-def converging(task: CrawlTask, near: Solved, report: Report) -> Iterator[Solved]:
+def converging(study: CrawlStudy, near: Solved, report: Report) -> Iterator[Solved]:
     """Solve with smoothed friction of several widths, then on finer grids; yields both in order."""
-    arcs = task.mesh.arcs
+    arcs = study.mesh.arcs
     jobs: list[tuple[int, Contacts]] = [(5 * arcs, _narrower(near.speed))]
     jobs += [(round(n * arcs), _TIGHT) for n in (5, 2.5, 1.25, 0.625)]
-    found = dict(each(partial(_from_sharp, task, near), jobs, report, "convergence"))
+    found = dict(each(partial(_from_sharp, study, near), jobs, report, "convergence"))
     yield found[0]
     yield from (found[k] for k in (4, 3, 2, 1))
 
@@ -591,9 +488,9 @@ def _narrower(speed: float) -> Regularised:
     return Regularised(v_reg=0.4**6 * speed, first=speed, ratio=0.4)
 
 
-def _from_sharp(task: CrawlTask, near: Solved, job: tuple[int, Contacts]) -> Solved:
+def _from_sharp(study: CrawlStudy, near: Solved, job: tuple[int, Contacts]) -> Solved:
     """Solve on a grid with a treatment of contact, from a sharp optimum."""
     arcs, treatment = job
     degree = 3 if isinstance(treatment, Regularised) else 2
     mesh = Mesh.even(1, arcs, Collocation(degree, "radau"))
-    return _sent(_solved(task, _whole(near.optimum(task)), mesh, treatment, _CLOSE, _NARROW))
+    return _sent(_solved(study, _whole(near.optimum(study)), mesh, treatment, _CLOSE, _NARROW))

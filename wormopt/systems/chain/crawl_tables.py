@@ -85,7 +85,6 @@ class CrawlLimits(Given):
         return max(low, min(duration / ratio, high)), min(high, max(duration * ratio, low))
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a range in the wrong order, and periods without a tick."""
         try:
             _ = self.ticked
         except SceneError as error:

@@ -81,7 +81,6 @@ class Hardware(Given):
     seed: Seed = entry("seed of the noise", default=0)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what needs a clock, and noise without samples."""
         for name in ("input_rate", "input_step", "output_step"):
             if getattr(self, name) is not None and self.period is None:
                 yield name, "applies to controllers that decide at samples; write a period too"

@@ -88,7 +88,6 @@ class Gains(Given):
     count: int = whole(2, 500, "number of gains, evenly spaced in the logarithm", default=31)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the range is empty."""
         if self.most <= self.least:
             yield "most", f"is not above gains.least = {self.least:g}; write more"
 
@@ -227,7 +226,6 @@ class Linear(Tracking, kind="linear"):
             yield "point.velocity", "applies to [worm] only; write value= of states of your Model"
 
     def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
-        """Yield what is not supported of a chain."""
         yield from wrong_count("point.velocity", self.point.velocity, worm.links + 1, "masses")
         if min(per(worm.stiffness, 1)) <= 0:
             yield (
@@ -289,7 +287,6 @@ class Linear(Tracking, kind="linear"):
 
     @stage
     def motion(self) -> Tracked:
-        """Motion with the tracker."""
         loop = self.closed(self.plant, self.target(self.plant), self.tracker, "tracker")
         span = self.time.end, self.time.samples
         how = self.contact.options, self.tolerance.options, self.report
@@ -301,7 +298,6 @@ class Linear(Tracking, kind="linear"):
 
     @stage
     def recheck(self) -> CrossCheck | None:
-        """Second route of this motion."""
         return self.motion.recheck(self.tolerance.options, self.tolerance.recheck, self.report)
 
     @scalar("count", "*k* at the end of the adaptive motion")
@@ -323,7 +319,6 @@ class Linear(Tracking, kind="linear"):
 
     @parts(Response)
     def response(self) -> Response:
-        """Poles, zeros and frequency response of the chain."""
         point = self.point_model
         poles, zeros = (_apart(roots, point.shifts) for roots in (point.poles, point.zeros))
         omega = frequencies(point)
@@ -357,12 +352,10 @@ class Linear(Tracking, kind="linear"):
 
     @stage
     def margins(self) -> list[Margins]:
-        """Margins of the loops."""
         return [loop.margins() for loop in self.loops]
 
     @parts(Loops)
     def over_gain(self) -> Loops:
-        """Poles, margins and errors of the loops."""
         loops, margins = self.loops, self.margins
         poles = np.array([loop.poles for loop in loops], dtype=np.complex128)
         return Loops(
@@ -384,7 +377,6 @@ class Linear(Tracking, kind="linear"):
 
     @parts(AtLearned)
     def at_learned(self) -> AtLearned:
-        """Poles and margins of this loop."""
         poles, own = self.learned.poles, self.learned.margins()
         peak, slowest = _finite(own.peak), float(poles.real.max())
         found = slowest, _finite(own.gain), own.phase, own.disk, peak
@@ -418,7 +410,6 @@ class Linear(Tracking, kind="linear"):
 
     @stage
     def bisection(self) -> Tried:
-        """Search for the least gain by simulations."""
         frozen, gains_tried = self.frozen(self.plant), list[float]()
 
         def simulated(gain: float) -> float:
@@ -434,7 +425,6 @@ class Linear(Tracking, kind="linear"):
 
     @parts(Tried)
     def tried(self) -> Tried:
-        """Gains and errors of the search."""
         return self.bisection
 
     # -- trust -------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from wormopt.simulation.options import Tolerance
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.tables import Tube
 from wormopt.systems.shared.declared import JUDGED
+from wormopt.systems.shared.models import with_integrals
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, motion_facts, one_or_all
 from wormopt.systems.shared.signals import at_ends, chain_expressions
 
@@ -31,16 +32,6 @@ _SPRINGS = ("stiffness", "rest_length")
 _LEAST_SHARE = 1e-3
 # Number of times at which the largest error is sought if the motion is kept whole.
 _INSTANTS = 20_001
-
-
-def _add_states(model: Model, states: Sequence[Signal], rates: Sequence[ca.SX]) -> Model:
-    own = pack(states)
-    return replace(
-        model,
-        x=[*model.x, *states],
-        ode=ca.vertcat(model.ode, *rates),
-        switches=[replace(s, reset=ca.vertcat(s.reset, own)) for s in model.switches],
-    )
 
 
 # -- power ---------------------------------------------------------------------------------------
@@ -74,7 +65,7 @@ def measure_power(model: Model) -> Model:
         Signal(name, ca.SX.sym(name), nominal=float(sizes.get(name, force * length)), value=0.0)
         for name in rates
     ]
-    return _add_states(model, states, list(rates.values()))
+    return with_integrals(model, states, list(rates.values()))
 
 
 def _chain_powers(model: Model) -> dict[str, ca.SX]:
@@ -101,7 +92,7 @@ def measure_tracking(model: Model) -> Model:
         Signal("error_square", ca.SX.sym("error_square"), nominal=length**2, value=0.0),
         Signal("positive_work", ca.SX.sym("positive_work"), nominal=force * length, value=0.0),
     ]
-    return _add_states(model, states, [ca.dot(error, error), ca.sum1(ca.fmax(power, 0))])
+    return with_integrals(model, states, [ca.dot(error, error), ca.sum1(ca.fmax(power, 0))])
 
 
 def _nominal(model: Model, name: str) -> float:

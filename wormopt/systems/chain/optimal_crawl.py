@@ -17,7 +17,6 @@ from wormopt.study import (
     arrays,
     attributes,
     checks,
-    entry,
     facts,
     on_use,
     parts,
@@ -29,13 +28,10 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.study.members import AbsentError
-from wormopt.study.numerics import MeshTable
 from wormopt.study.types import per
-from wormopt.systems.chain.crawl_tables import Aim, CrawlLimits, Robust, Search
-from wormopt.systems.chain.tables import ChainTable
+from wormopt.systems.chain.crawl_study import CrawlStudy
 from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, over
 from wormopt.systems.shared.gravity import assumed, cost_of_transport
-from wormopt.systems.shared.optimal_motion import OptimalMotion
 from wormopt.systems.spiked import why_unreadable
 
 with on_use():
@@ -47,7 +43,7 @@ with on_use():
     from wormopt.ocp.optimise import Optimum
     from wormopt.simulation.simulate import simulate
     from wormopt.systems.chain.crawl_limits import Slope, bound_of, excess_of, slopes
-    from wormopt.systems.chain.crawl_search import CrawlTask, Earlier, Solved, converging, search
+    from wormopt.systems.chain.crawl_search import Earlier, Solved, converging, search
     from wormopt.systems.chain.dynamic import PERIODS
     from wormopt.systems.shared.optimum import ACCEPTED, modes_of, warnings_of_reading
     from wormopt.systems.shared.signals import chain_expressions
@@ -105,7 +101,7 @@ class Convergence:
                 yield f"the estimated error with {name} contact does not cover the exact objective"
 
 
-class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
+class OptimalCrawl(CrawlStudy, kind="optimal-crawl"):
     """Optimise the inputs of a chain that crawls on dry friction: fastest or cheapest.
 
     It finds the periodic inputs with which the chain crawls fastest, or at the least energy.
@@ -166,15 +162,6 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         "limits.length, limits.actuator_force or limits.period",
     }
 
-    worm: ChainTable = entry("the chain, with `friction`")
-    limits: CrawlLimits = entry("limits of the crawl")
-    objective: Aim = entry("objective of the crawl")
-    mesh: MeshTable = entry("mesh in time", default=MeshTable(arcs=24))
-    search: Search = entry("starting points of the search", default=Search)
-    robust: Robust | None = entry(
-        "design for several chains; default: a single chain", default=None
-    )
-
     def faults_of_keys(self) -> Iterator[Fault]:
         yield from self.worm.faults(1.0, self.units)
         yield from self.limits.faults_for(self.worm.links)
@@ -207,29 +194,14 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         if "convergence" in self.want:
             yield "want", '"convergence" needs a single chain; leave out [robust] or "convergence"'
 
-    @property
-    def single_chain(self) -> bool:
-        """Whether the crawl is designed for one chain."""
-        return self.robust is None
-
     # -- solving -----------------------------------------------------------------------------------
 
     @cached_property
-    def task(self) -> CrawlTask:
-        """What is optimised, for other processes."""
-        return CrawlTask(
-            self.worm,
-            self.limits,
-            self.objective,
-            self.mesh,
-            self.search.starts,
-            self.search.seed,
-            None if self.search.result is None else self._earlier(self.search.result),
-            self.robust,
-        )
-
-    def _earlier(self, name: str) -> Earlier:
-        """Read the crawl of an earlier result; SceneError if it has none that fits."""
+    def earlier(self) -> Earlier | None:
+        """The crawl of an earlier result, if one is given; SceneError if it has none that fits."""
+        name = self.search.result
+        if name is None:
+            return None
         try:
             earlier = Result.load(self.folder / name)
             t = earlier["instant"].values
@@ -250,7 +222,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     @cached_property
     def found(self) -> tuple[dict[str, Solved], list[float]]:
         """Optima of all stages by name, and the coarse objectives of all starts."""
-        return search(self.task, self.report)
+        return search(self, self.earlier, self.report)
 
     def solve(self) -> dict[str, Optimum]:
         """Solve with relaxed contact, then with arcs that end at switches, then with phases."""
@@ -264,7 +236,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
                 "no crawl was found within limits.period, limits.actuator_force and limits.length"
             )
             raise SolveError(what, error.suggestion, error.partial, error.code) from None
-        optima = {name: one.optimum(self.task) for name, one in stages.items()}
+        optima = {name: one.optimum(self) for name, one in stages.items()}
         self._refuse_rest([*optima.values()][-1].motion)
         return optima
 
@@ -311,14 +283,13 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @stage
     def simulated_speeds(self) -> list[float]:
-        """Speed of each chain in the last of several simulated periods."""
         self.report("simulating the crawl", 0.95)
         period, masses = self.motion.duration, self.worm.links + 1
-        driven = drive(self.task.plant, self.motion.input_course(), periodic=True)
+        driven = drive(self.plant, self.motion.input_course(), periodic=True)
         begin = {"position": self.ends[:masses, 0], "velocity": self.ends[masses : 2 * masses, 0]}
         span = (2 if self.single_chain else 4 * PERIODS) * period
         speeds: list[float] = []
-        for draw in self.task.draws:
+        for draw in self.draws:
             run = simulate(driven, span, x0=begin, p=dict(draw), dense=True)
             assert run.dense is not None
             x = run.dense(np.array([span - period, span]))[0]
@@ -374,7 +345,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
 
     @stage
     def sensitivity(self) -> list[Slope]:
-        return slopes(self.task, self.optimum, self.cycles_in_period)
+        return slopes(self, self.optimum, self.cycles_in_period)
 
     @scalars({}, when="single_chain")
     def derivatives(self) -> dict[str, Scalar]:
@@ -400,7 +371,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     @cached_property
     def least(self) -> float | None:
         """Bound on the objective of every crawl; None if there is none."""
-        return bound_of(self.task) if self.single_chain else None
+        return bound_of(self) if self.single_chain else None
 
     @property
     def is_bounded(self) -> bool:
@@ -454,7 +425,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         try:
             with np.errstate(all="ignore"):
                 sharp = self.found[0]["switches"]
-                return converge(self.task, sharp, self.optimum, self.report)
+                return converge(self, sharp, self.optimum, self.report)
         except SolveError as error:
             return f"{what}: {error}"
 
@@ -532,9 +503,9 @@ def work_of(motion: Motion) -> float:
 # -- convergence of relaxed contact ----------------------------------------------------------------
 
 
-def converge(task: CrawlTask, sharp: Solved, exact: Optimum, report: Report) -> Convergence:
+def converge(study: CrawlStudy, sharp: Solved, exact: Optimum, report: Report) -> Convergence:
     """Solve again with narrower laws and on finer grids, from the same local optimum."""
-    smoothed, *on_grids = (one.optimum(task) for one in converging(task, sharp, report))
+    smoothed, *on_grids = (one.optimum(study) for one in converging(study, sharp, report))
     best = exact.objective
     levels = smoothed.levels[-_WIDTHS:]
     width = np.array([level.level for level in levels])

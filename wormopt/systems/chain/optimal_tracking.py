@@ -8,6 +8,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline
 
 from wormopt.control.loop import Reference, TrackingError, input_of, with_reference
 from wormopt.control.lqr import lqr
@@ -225,9 +226,5 @@ def lengths_of(motion: Motion, parts: int = 1) -> Gait:
     known = signal_values(model.p, None, "parameter")
     observe = ca.Function("links", [pack(model.x), pack(model.p)], [model["length"], model["rate"]])
     length, rate = (np.array(part) for part in observe(states, known))
-    h = np.diff(t)
-    step = np.diff(length) / h
-    square = (3 * step - 2 * rate[:, :-1] - rate[:, 1:]) / h
-    cube = (rate[:, :-1] + rate[:, 1:] - 2 * step) / h**2
-    pieces = np.stack([length[:, :-1], rate[:, :-1], square, cube], axis=-1)
-    return Gait(t, np.swapaxes(pieces, 0, 1))
+    powers = CubicHermiteSpline(t, length, rate, axis=1).c[::-1]
+    return Gait(t, np.moveaxis(powers, 0, -1))

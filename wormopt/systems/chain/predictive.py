@@ -111,7 +111,6 @@ class PredictiveControl(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the horizon is shorter than a decision."""
         if self.horizon < self.period:
             yield "horizon", f"is below predictive.period = {self.period:g}; write more"
 
@@ -167,7 +166,6 @@ class ParameterEstimation(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if no parameter is named, or one twice."""
         if not self.parameters:
             yield "parameters", "names no parameter; leave [estimation] out"
         if len(set(self.parameters)) < len(self.parameters):

@@ -210,7 +210,6 @@ class Simulate(Study, kind="simulate"):
         return self.model.load(self.name, self.folder)
 
     def models(self) -> dict[str, Model]:
-        """The model to simulate."""
         return {"": self.plain}
 
     def _driven(self, worm: ChainTable) -> Model:
@@ -258,7 +257,6 @@ class Simulate(Study, kind="simulate"):
 
     @stage
     def motion(self) -> Trajectory:
-        """The motion, of a chain with its powers."""
         model = measure_power(self.plain) if self.worm else self.plain
         treatment, span = self.contact.options, self.time
         try:
@@ -272,7 +270,6 @@ class Simulate(Study, kind="simulate"):
 
     @stage
     def recheck(self) -> CrossCheck | None:
-        """Second route."""
         again = self.tolerance.recheck
         return cross_check(
             self.plain, self.motion, self.tolerance.options, recheck=again, report=self.report

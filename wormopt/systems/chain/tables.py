@@ -604,7 +604,6 @@ class Relaxation(Given):
     time_limit: float = positive("s", "processor time limit of each of the solves", default=60.0)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the last product is above the first."""
         if self.last > self.first:
             yield "last", f"is above relaxation.first = {self.first:g}; write less"
 

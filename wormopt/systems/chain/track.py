@@ -187,7 +187,6 @@ class Track(Tracking, kind="track"):
                 yield "want", message
 
     def faults_of_sizes(self, links: int) -> Iterator[Fault]:
-        """Yield gaits and trackers that do not fit the number of links."""
         yield from super().faults_of_sizes(links)
         for index, tracker in enumerate(self.trackers):
             yield from tracker.faults(self.tracker_key(index), links)

@@ -204,7 +204,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         yield from self.tube.faults_in(self.time.end)
 
     def faults_of_worm(self, worm: ChainTable) -> Iterator[Fault]:
-        """Yield what is not supported of a chain."""
         if self.estimation is not None:
             yield from self.estimation.faults_in(worm)
 
@@ -364,24 +363,20 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         headline=("cost", "distance"),
     )
     def numbers(self) -> dict[str, Any]:
-        """Quantities of the nominal plant."""
         rows = [each.numbers for each in self.motions.values()]
         cost = {"cost": [self.cost_of(row) for row in rows]}
         return {name: [row[name] for row in rows] for name in JUDGED} | cost
 
     @scalar("length", "*λ*")
     def tube_radius(self) -> float:
-        """Radius of the tube."""
         return self.tube.radius
 
     @scalar("length_squared_time", "∫(|*e*|² + *ρ*|*u*|²) d*t* of the plan")
     def objective_found(self) -> float:
-        """Cost of the plan."""
         return self.plan.objective
 
     @scalar("count", "steps of sequential quadratic programming for the plan")
     def plan_steps(self) -> int:
-        """Steps for the plan."""
         return self.plan.steps
 
     @scalar(
@@ -390,7 +385,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         "converged",
     )
     def right_cost(self) -> Sequence[float]:
-        """Costs with a true model."""
         return self.true_model
 
     @scalar(
@@ -399,26 +393,22 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         headline=True,
     )
     def excess(self) -> float:
-        """Excess of predictive control over the open loop with a true model."""
         open_loop, *decided = self.true_model
         return max(decided) / open_loop - 1
 
     @parts(Decisions)
     def timing(self) -> Decisions:
-        """Numbers and durations of decisions."""
         return decisions_of(
             self.plan, self.predictive, [each.run for each in self.motions.values()]
         )
 
     @scalar("share", "error of the second route, largest over the controllers without gains")
     def recheck_error(self) -> float | None:
-        """Largest error of the second routes."""
         found = [each.second.error for each in self.motions.values() if each.second]
         return max((error for error in found if error is not None), default=None)
 
     @arrays(_SIGNALS)
     def signals(self) -> dict[str, Any]:
-        """Signals of the nominal plant."""
         motions = [each.motion for each in self.motions.values()]
         models = [motion.system.model for motion in motions]
         names = SHOWN if self.own is None else SHOWN[:-1]
@@ -474,7 +464,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         "a list for each of `estimation.parameters`, before estimation and at the end",
     )
     def parameter_error(self) -> list[list[float]] | None:
-        """Errors of the estimates."""
         if self.estimated is None or not self.estimation:
             return None
         off = np.log(self.estimated[:, :, [0, -1]]) ** 2
@@ -486,7 +475,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
 
     @attributes
     def names(self) -> dict[str, Any]:
-        """Names, and the text of the table file."""
         return {
             "controllers": [*self.motions],
             "parameters": self.parameter_names,
@@ -497,7 +485,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
 
     @checks
     def checks_of_motions(self) -> Iterator[Check]:
-        """Second routes and energies, and decisions simulated again as one motion."""
         for name, each in self.motions.items():
             yield from chain_checks(each.second, balance(each.motion), self.tolerance.options, name)
             if each.run is not None:
@@ -524,7 +511,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
         name="as good as the open loop where the model is right",
     )
     def as_good(self) -> float:
-        """Excess of predictive control where decisions cost more."""
         return max(self.excess, 0.0)
 
     @property
@@ -534,7 +520,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
 
     @facts
     def computed_by(self) -> dict[str, Any]:
-        """How plan and motions were computed, and how well the motions agree."""
         return {
             "treatment": "smooth law in the optimiser, exact in every simulation",
             "recheck": {
@@ -546,7 +531,6 @@ class TrackPredictive(Tracking, kind="track-predictive"):
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of slow and failed decisions, lost plants, and missing rechecks."""
         for name, each in self.motions.items():
             if each.run is None:
                 continue

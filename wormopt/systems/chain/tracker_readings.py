@@ -339,7 +339,6 @@ class TrackerReadings(Study, kind="tracker-readings"):
 
     @parts(Judged)
     def judged(self) -> Judged:
-        """All readings compared with the sentences."""
         radius = self.tracker.tube_radius
         return _judge(self.motions, self.readings.choices, radius, self.sentences)
 
@@ -363,7 +362,6 @@ class TrackerReadings(Study, kind="tracker-readings"):
 
     @stage
     def recheck(self) -> list[CrossCheck | None]:
-        """Second routes of these motions."""
         again = self.tolerance.recheck
         return [each.recheck(self.tolerance.options, again, self.report) for each in self.shown]
 

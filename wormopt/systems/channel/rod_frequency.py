@@ -535,7 +535,6 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
 
     @checks
     def of_motions(self) -> Iterator[Check]:
-        """Yield checks of failed motions, of the worst others, and of the best one refined."""
         fine: dict[str, Check] = {}
         for position, point in enumerate(dict.fromkeys(self.all_points)):
             for check in checks_of_motion(point):

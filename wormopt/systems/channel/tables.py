@@ -12,7 +12,7 @@ from wormopt.errors import Fault
 from wormopt.study import Given, entry, number, on_use, positive, scalars, whole
 from wormopt.study.types import Positive
 from wormopt.systems.channel.samples import FLATTEST, SAMPLES, STEEPEST, Sample
-from wormopt.systems.shared.studies import SIStudy
+from wormopt.systems.shared.studies import SIStudy, wrong_winding
 
 with on_use():
     from wormopt.magnetics.blocks import BlockField, channel_field
@@ -106,7 +106,6 @@ class ChannelBody(Given):
         return getattr(SAMPLES[self.sample], name) if given is None and self.sample else given
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield missing sizes, and sizes that do not fit each other."""
         sizes = [self.size(name) for name in _SIZES]
         missing = [name for name, size in zip(_SIZES, sizes, strict=True) if size is None]
         for name in missing:
@@ -158,13 +157,7 @@ class Winding(Given):
     ampere_turns: float = positive("ampere_turns", "of an active coil, *assumed*", default=4600.0)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield windings that cannot be made."""
-        if self.inner_radius >= self.outer_radius:
-            yield (
-                "inner_radius",
-                f"{self.inner_radius:g} is not below outer_radius = {self.outer_radius:g}; "
-                "write less",
-            )
+        yield from wrong_winding(self.inner_radius, self.outer_radius)
 
     def overlaps(self, pitch: float, key: str) -> Iterator[Fault]:
         """Yield a fault if coils of one side overlap; `key` holds the pitch."""
@@ -221,7 +214,6 @@ class RodOverCoils(Winding):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield blocks of coils that cannot be built, and sweeps out of order."""
         yield from super().faults_of_keys()
         if self.on >= self.every:
             yield (
@@ -280,7 +272,6 @@ class Worm(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield skins thicker than the body."""
         if self.skin and 2 * self.skin > self.diameter:
             yield (
                 "skin",
@@ -308,7 +299,6 @@ class Zigzag(Winding):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield rows that cannot be built."""
         yield from super().faults_of_keys()
         yield from self.overlaps(self.pitch, "coils.pitch")
 
@@ -330,7 +320,6 @@ class Pattern(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield patterns that repeat too early."""
         most = self.duration + abs(self.shift) + 1
         if most > self.every:
             yield (

@@ -73,7 +73,6 @@ class CarryAim(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the speed is missing, or given where it has no use."""
         if self.seek == "power" and self.speed is None:
             yield "speed", 'missing; seek = "power" needs the speed of the float'
         if self.seek == "speed" and self.speed is not None:

@@ -29,7 +29,7 @@ from wormopt.study import (
     whole,
 )
 from wormopt.systems.coils.tables import MagneticFluid
-from wormopt.systems.shared.studies import SIStudy, refused_at
+from wormopt.systems.shared.studies import SIStudy, refused_at, wrong_winding
 
 with on_use():
     import casadi as ca
@@ -88,13 +88,7 @@ class CoilOfTank(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the winding has no thickness."""
-        if self.inner_radius >= self.outer_radius:
-            yield (
-                "inner_radius",
-                f"{self.inner_radius:g} is not below coil.outer_radius = {self.outer_radius:g}; "
-                "write a radius below coil.outer_radius",
-            )
+        yield from wrong_winding(self.inner_radius, self.outer_radius)
 
 
 class Resolution(Given):
@@ -214,7 +208,6 @@ class CoilPressure(SIStudy, kind="coil-pressure"):
         return Rested(self.liquid, self.placed_coil, self.settled, current)
 
     def unsolved(self) -> SolveError | None:
-        """Error if no surface rests at the full current, or it is not resolved."""
         settled = self.settled
         if settled.stop is not None:
             return self.moving(settled.stop)

@@ -145,7 +145,6 @@ class AlongRow(SIStudy):
 
     @scalars(_SIZES)
     def sizes(self) -> dict[str, Any]:
-        """Sizes of the row, most of them assumptions."""
         coils = self.coils
         return {
             "coils": coils.count,

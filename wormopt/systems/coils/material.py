@@ -83,7 +83,6 @@ class MaterialInField(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault unless the material is given completely in exactly one way."""
         given, measured = (
             [name for name in names if getattr(self, name) is not None]
             for names in (_GIVEN, _MEASURED)

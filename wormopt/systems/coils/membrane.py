@@ -371,7 +371,6 @@ class MembraneThickness(SIStudy, kind="membrane"):
         )
 
     def unsolved(self) -> SolveError | None:
-        """Error if no thickness meets all limits."""
         return None if self.best_thickness[1] <= _ACCEPTED else self.conflict
 
     @check(_ACCEPTED, "{conflict.reason:s}")

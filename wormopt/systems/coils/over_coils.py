@@ -121,7 +121,6 @@ class Cargo(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the ends are longer than the float."""
         if self.edge is not None and self.edge > self.length:
             yield (
                 "edge",

@@ -10,6 +10,7 @@ from typing import Literal
 from wormopt.errors import Fault
 from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.types import Seed
+from wormopt.systems.shared.studies import wrong_winding
 
 with on_use():
     from wormopt.magnetics.coils import Coil, CoilRow
@@ -54,13 +55,7 @@ class Coils(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield rows that cannot be built."""
-        if self.inner_radius >= self.outer_radius:
-            yield (
-                "inner_radius",
-                f"{self.inner_radius:g} is not below coils.outer_radius = {self.outer_radius:g}; "
-                "write a radius below coils.outer_radius",
-            )
+        yield from wrong_winding(self.inner_radius, self.outer_radius)
         size, what = 2 * self.outer_radius, "twice coils.outer_radius"
         if self.axis == "along":
             size, what = self.length, "coils.length"

@@ -101,7 +101,6 @@ class Body(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a position that is too far for accurate phases."""
         if abs(self.position) > _FARTHEST:
             yield (
                 "position",

@@ -69,7 +69,6 @@ class Curves(Given):
     points: int = whole(2, 100000, "number of amplitudes on that curve", default=199)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield an empty range."""
         yield from wrong_order("range", self.range, may_be_equal=False)
 
 
@@ -166,7 +165,6 @@ class FilmFlow(Study, kind="film-flow"):
     samples: int = whole(2, 100000, "number of phases in the result", default=401)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what is missing of the film, or does not fit the units."""
         yield from self.film.faults_in(self.units)
 
     @cached_property

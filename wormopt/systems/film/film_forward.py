@@ -96,7 +96,6 @@ class Start(Given):
     harmonic: int = whole(1, 16, "harmonic of the ripple", default=1)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield samples that are missing, or not used."""
         if self.shape == "samples" and self.samples is None:
             yield "samples", "missing; write the thickness over a wavelength"
         if self.shape != "samples" and self.samples is not None:
@@ -143,7 +142,6 @@ class FlatFilms(Given):
     tension: Tensions = entry("values of the surface tension *W*, ascending", quantity="1")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield lists that do not ascend."""
         for name in ("delta", "tension"):
             values = getattr(self, name)
             if list(values) != sorted(set(values)):
@@ -159,7 +157,6 @@ class Continuation(Given):
     points: int = whole(32, 256, "equidistant points over a wavelength", default=64)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield an empty range."""
         yield from wrong_order("delta", self.delta, may_be_equal=False)
 
 

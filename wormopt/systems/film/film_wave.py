@@ -105,7 +105,6 @@ class Limits(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield bounds that are out of order, or do not contain the mean thickness."""
         wrong = list(wrong_order("thickness", self.thickness, may_be_equal=False))
         yield from wrong
         least, most = self.thickness
@@ -178,7 +177,6 @@ class OtherFilms(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a map without values, and repeated values."""
         if self.tension is None and self.field is None:
             yield "", "is empty; write tension = [0.1, 0.03], for example, or field = [...]"
         for name in ("tension", "field"):

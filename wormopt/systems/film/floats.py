@@ -251,7 +251,6 @@ class Float(Study, kind="float"):
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what is missing of the film, or has no effect."""
         yield from self.film.faults_in(self.units)
 
     # -- drift by formulas -------------------------------------------------------------------------

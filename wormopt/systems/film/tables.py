@@ -128,7 +128,6 @@ class Film(Given):
         return wave
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a wave that is given twice, or none."""
         harmonics = [name for name in ("cosines", "sines") if getattr(self, name) is not None]
         if self.delta is not None and harmonics:
             yield (
@@ -215,7 +214,6 @@ class Field(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a field that is missing, or given twice."""
         if self.samples is None and self.file is None:
             yield "samples", "missing; write the values over a wavelength, or file"
         if self.samples is not None and self.file is not None:
@@ -311,7 +309,6 @@ class Resolution(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield too few points."""
         if self.most < self.points:
             yield "most", f"is less than grid.points; write at least {self.points}"
         if self.points < 2 * self.order:

@@ -23,11 +23,11 @@ import numpy as np
 
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
 from wormopt.control.loop import Reference
-from wormopt.model.friction import Law
 from wormopt.model.model import Model, Output, Signal, Switch, pack
-from wormopt.systems.chain import chain
+from wormopt.systems.chain import chain, law_of
 from wormopt.systems.gears.box import GearBox
 from wormopt.systems.gears.gear import Ground
+from wormopt.systems.gears.tables import Adaptive
 from wormopt.systems.gears.walk import Supervisor
 
 # Threshold that is never reached, and its negative for one that always is.
@@ -239,24 +239,11 @@ def arrives(place: ca.SX, states: Sequence[Signal], goal: float) -> Switch:
     return Switch("arrives", ca.sum1(place) / place.numel() - goal, own, terminal=True)
 
 
-@dataclass(frozen=True, eq=False)
-class Body:
-    """Parameters of the links and of their adaptive control."""
-
-    stiffness: float  # of each link
-    damping: float  # of each link
-    law: Law  # of every mass on the ground
-    tube_radius: float
-    gain_start: float
-    growth: float
-    memory: float  # averaging time of measured loads
-
-
 def geared_chain(
     box: GearBox,
     ground: Ground,
     supervisor: Supervisor,
-    body: Body,
+    links: Adaptive,
     *,
     gear: int,
     begin: np.ndarray,
@@ -272,7 +259,7 @@ def geared_chain(
     ahead, believed = (ca.SX.sym(name, masses) for name in ("reference_position", "believed_load"))
     wanted, rate = ahead[:-1] - ahead[1:], shifted.velocity[:-1] - shifted.velocity[1:]
     _, shared = shifted.shared(shifted.need(believed, drag))
-    plant = _held(_on_ground(_worm(box, body, gear, begin), ground), wanted, rate, shared)
+    plant = _held(_on_ground(_worm(box, links, gear, begin), ground), wanted, rate, shared)
     forces, nominal = plant["link_force"], plant.x[0].nominal
     felt = plant.forces + ca.vertcat(0, forces) - ca.vertcat(forces, 0)
     states = [
@@ -281,9 +268,10 @@ def geared_chain(
         *shifted.states(gear, supervisor.dwell),
     ]
     x = [*plant.x, *states]
+    memory = links.memory or min(each.period for each in box.gears) / 4
     rates = (
         shifted.velocity,
-        (felt - shifted.need(ca.SX(masses, 1), drag) - believed) / body.memory,
+        (felt - shifted.need(ca.SX(masses, 1), drag) - believed) / memory,
         shifted.rates(ca.dot(shifted.resting, plant.forces), ca.sumsqr(forces)),
     )
     reset = ca.vertcat(pack(plant.x), ahead, believed, shifted.reset(supervisor))
@@ -306,23 +294,23 @@ def geared_chain(
     return lambda_tracker(
         driven,
         Reference(none, none, none),
-        tube_radius=body.tube_radius,
-        gain_start=body.gain_start,
-        adaptation=Quadratic(body.growth),
+        tube_radius=links.tube_radius,
+        gain_start=links.gain_start,
+        adaptation=Quadratic(links.growth),
         output="length_error",
     )
 
 
-def _worm(box: GearBox, body: Body, gear: int, begin: np.ndarray) -> Model:
+def _worm(box: GearBox, links: Adaptive, gear: int, begin: np.ndarray) -> Model:
     """The chain without control; its springs are free of force at the mean initial length."""
     length = float(box.gears[gear].lengths[0].mean())
     return chain(
         len(box.mass) - 1,
         mass=box.mass,
-        stiffness=body.stiffness,
-        damping=body.damping,
+        stiffness=links.stiffness,
+        damping=links.damping,
         rest_length=length,
-        law=body.law,
+        law=law_of(links.friction),
         position=begin,
         length_nominal=length,
         time_nominal=box.gears[gear].period,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,9 +17,9 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
 from wormopt.model.given import fields_of
 from wormopt.model.lift import QUANTITIES, lift
-from wormopt.model.model import TINY, Contact, Model, Output, Signal
+from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.values import numbers
-from wormopt.systems.shared.parameters import parameter
+from wormopt.systems.shared.parameters import laws_of_each, parameter, positive
 
 
 def magnetic_pair(
@@ -154,13 +153,13 @@ def pair_parts(
 ) -> PairParts:
     """Make the symbols that all forms of the pair share, from arguments of `magnetic_pair`."""
     t = ca.SX.sym("t")
-    positive = [
-        _positive("mass", mass, "mass"),
-        _positive("stiffness", stiffness, "stiffness"),
-        _positive("push", push, "force"),
-        _positive("frequency", frequency, "angular_frequency"),
+    sizes = [
+        positive("mass", mass, "mass"),
+        positive("stiffness", stiffness, "stiffness"),
+        positive("push", push, "force"),
+        positive("frequency", frequency, "angular_frequency"),
     ]
-    m, c, p, nu = (signal.symbol for signal in positive)
+    m, c, p, nu = (signal.symbol for signal in sizes)
     if cosines is None:
         field = ca.SX.sym("field")
         inputs, shape = (Signal("field", field, value=0.0),), ()
@@ -170,16 +169,9 @@ def pair_parts(
         harmonics = shape[0].symbol
         orders = ca.DM(np.arange(harmonics.numel()))
         field = ca.dot(harmonics, ca.cos(nu * t * orders))
-    laws, friction = lift(_laws(law))
-    ground, known = ca.SX.sym("friction", 2), (*positive, *shape, *friction)
+    laws, friction = lift(laws_of_each(law, 2))
+    ground, known = ca.SX.sym("friction", 2), (*sizes, *shape, *friction)
     return PairParts(t, m, c, p, nu, field, harmonics, inputs, known, laws, ground)
-
-
-def _positive(name: str, value: float, unit: str) -> Signal:
-    number = float(numbers(name, value))
-    signal = Signal(name, ca.SX.sym(name), unit, lower=TINY, value=number)
-    signal.check(np.array([number]))
-    return signal
 
 
 def _harmonics(cosines: Sequence[float]) -> Signal:
@@ -187,13 +179,6 @@ def _harmonics(cosines: Sequence[float]) -> Signal:
     if not (values.size and np.all(np.isfinite(values))):
         raise ArgumentError("cosines must be finite numbers, with the mean first")
     return Signal("cosines", ca.SX.sym("cosines", values.size), value=tuple(values.tolist()))
-
-
-def _laws(law: Any) -> list[Law]:
-    laws = list(law) if isinstance(law, list | tuple) else [law, law]
-    if len(laws) != 2 or not all(isinstance(each, Law) for each in laws):
-        raise ArgumentError(f"law must be one friction law, or two, not {law!r}")
-    return laws
 
 
 def scaled_law(law: Law, push: float, speed: float = 1.0) -> Law:

@@ -135,7 +135,6 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a frequency below 0, and a duration too short for the means."""
         yield from self.pair.faults_in(self.units)
         slow = list(self.pair.slow_fields("detuning", self.detuning))
         yield from slow

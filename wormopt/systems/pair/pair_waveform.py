@@ -78,7 +78,6 @@ class DrivenPair(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield friction with which the pair does not move forward."""
         law, wrong = self.friction, list(faults_of_law("friction", self.friction, 2))
         yield from wrong
         if not wrong and sum(per(law.forward, 2)) >= sum(per(law.backward, 2)):
@@ -311,7 +310,6 @@ class PairWaveform(OptimalMotion, kind="pair-waveform"):
         )
 
     def expressions(self) -> dict[str, ca.SX]:
-        """Return the signals to sample."""
         model = self.motion.program.problem.model
         names = ("position", "velocity", "stretch", "field")
         return {name: model[name] for name in names} | {"contact_force": model.forces}

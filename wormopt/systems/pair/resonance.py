@@ -60,7 +60,6 @@ class Frequencies(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield an empty range."""
         yield from wrong_order("detuning", self.detuning, may_be_equal=False)
 
 
@@ -118,7 +117,6 @@ class Resonance(PairStudy, kind="resonance"):
     confirm: Confirm | None = entry("exact motions for comparison", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield frequencies below 0, and times too short for the means."""
         yield from self.pair.faults_in(self.units)
         lowest = NATURAL + self.pair.smallness * self.frequencies.detuning[0]
         if self.confirm is not None:

@@ -86,7 +86,6 @@ class PairTable(Given):
         return self.length_unit / self.time_unit
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a field that drives nothing, and friction with which the pair cannot be steady."""
         if self.cosines[1] == 0:
             yield (
                 "cosines",
@@ -173,7 +172,6 @@ class Limits(Given):
         return 2 * math.pi / most, 2 * math.pi / least
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield ranges whose bounds are in the wrong order, and those with an unbounded swing."""
         yield from wrong_order("field", self.field, may_be_equal=False)
         wrong = list(wrong_order("frequency", self.frequencies, may_be_equal=True))
         yield from wrong

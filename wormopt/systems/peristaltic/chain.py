@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, get_args
 
 import casadi as ca
@@ -371,14 +371,6 @@ def peristaltic_worm(body: Body, ground: Ground, anchoring: Anchoring = "mid") -
             Output("load_power", -ca.dot(ca.DM(load), v), "power"),
         ],
     )
-
-
-def with_works(model: Model, nominal: float) -> Model:
-    """Add states ``coil_work`` and so on, in J, that integrate the powers of `POWERS`."""
-    names = [f"{name}_work" for name in POWERS]
-    states = [Signal(name, ca.SX.sym(name), "energy", nominal, value=0.0) for name in names]
-    powers = [model[f"{name}_power"] for name in POWERS]
-    return replace(model, x=[*model.x, *states], ode=ca.vertcat(model.ode, *powers))
 
 
 # -- segments ------------------------------------------------------------------------------------

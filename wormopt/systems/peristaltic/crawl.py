@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from wormopt.control.drive import drive
-from wormopt.model.friction import Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.model.schedule import Schedule
@@ -20,7 +19,8 @@ from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.peristaltic.anchored import running_block
-from wormopt.systems.peristaltic.chain import POWERS, with_works
+from wormopt.systems.peristaltic.chain import POWERS
+from wormopt.systems.shared.models import drags_in_ode, measure_works
 
 
 def switched_wave(segments: int, on: int, *, step: float, size: float, retrograde: bool) -> Gait:
@@ -124,7 +124,7 @@ def crawl(
     `samples`: samples per cycle; the last instant of one is the first of the next. Raises
     SolveError or Interrupted like `simulate`.
     """
-    driven = drive(with_works(model, nominal_work), course, periodic=True)
+    driven = drive(measure_works(model, nominal_work), course, periodic=True)
     end = cycles * course.period
     return simulate(
         driven,
@@ -158,7 +158,7 @@ def second_route(
     """
     inputs, rings = sum(s.size for s in model.u), model.places()[0].size
     u, q = ca.SX.sym("u", inputs), ca.SX.sym("q", rings)
-    marcher = MoreauJean(_drags_in_ode(model), inputs=ca.Function("inputs", [q, u], [u]))
+    marcher = MoreauJean(drags_in_ode(model), inputs=ca.Function("inputs", [q, u], [u]))
     if step is None:
         vibration, decay = fastest(model, motion)
         step = min(_STEP / vibration, _STABLE / decay if decay else math.inf)
@@ -171,13 +171,6 @@ def second_route(
         end = marcher.march(motion.end_time, start, schedule=schedule, step=size, report=report)
         errors.append(np.abs(end.states[:rings, -1] - motion.end[:rings]).max() / way)
     return SecondRoute(step, float(errors[0]), float(errors[1]))
-
-
-def _drags_in_ode(model: Model) -> Model:
-    """Return the same worm with drag as an ordinary force; contacts slide without it."""
-    if not all(isinstance(contact.law, Viscous) for contact in model.contacts):
-        return model
-    return replace(model, ode=_sliding(model), contacts=(), outputs=())
 
 
 def _sliding(model: Model) -> ca.SX:

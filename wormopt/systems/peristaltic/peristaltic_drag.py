@@ -67,7 +67,6 @@ class Drag(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if no gait moves the worm."""
         if self.exponent == 0:
             yield (
                 "exponent",
@@ -94,7 +93,6 @@ class Effort(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault unless there is one effort."""
         if (self.strain_rate is None) == (self.dissipation is None):
             yield (
                 "",
@@ -269,7 +267,6 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     # -- signals -----------------------------------------------------------------------------------
 
     def expressions(self) -> dict[str, ca.SX]:
-        """Return the signals to sample."""
         model = self.motion.program.problem.model
         return {
             "length": model["lengths"],
@@ -397,7 +394,6 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
 
     @checks
     def equations(self) -> Iterator[Check]:
-        """Yield a check that the gait is a local optimum."""
         again, reason = self.second_route
         name = "equations of Euler and Lagrange"
         if again is not None:

@@ -28,7 +28,7 @@ from wormopt.study import (
 )
 from wormopt.study.types import Pair, wrong_order
 from wormopt.systems.peristaltic.tables import SegmentTable, Tube
-from wormopt.systems.shared.studies import SIStudy, refused_at
+from wormopt.systems.shared.studies import SIStudy, refused_at, wrong_winding
 
 with on_use():
     import numpy as np
@@ -91,13 +91,7 @@ class Winding(Given):
     length: float = positive("length", "length along the segment")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the winding has no thickness."""
-        if self.outer_radius <= self.inner_radius:
-            yield (
-                "outer_radius",
-                f"{self.outer_radius:g} m is not above winding.inner_radius; write more than "
-                f"{self.inner_radius:g}",
-            )
+        yield from wrong_winding(self.inner_radius, self.outer_radius)
 
 
 class Inflation(Given):
@@ -120,7 +114,6 @@ class Inflation(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if there is a volume of fibres, but no fibres."""
         if self.fill is not None and self.fibre_angle is None:
             yield "fill", "needs fibres; write inflation.fibre_angle"
 

@@ -165,7 +165,6 @@ class PeristalticSwitching(OptimalMotion, kind="peristaltic-switching"):
     # -- the motion --------------------------------------------------------------------------------
 
     def expressions(self) -> dict[str, ca.SX]:
-        """Return the signals to sample."""
         model = self.motion.program.problem.model
         return {
             "length": model["length"],

@@ -41,7 +41,6 @@ class Worm(Given):
     power: float = positive("power", "power of a coil that is on", default=1.0)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if coils have no effect."""
         if self.length_on == self.length_off:
             yield "length_on", "equals length_off, so coils have no effect; write another"
 
@@ -187,7 +186,6 @@ class Limits(Given, kw_only=False):
         return self.period[0], self.period[1]
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults of times that do not fit into the longest period."""
         yield from wrong_order("period", self.period, may_be_equal=True)
         dwell, longest = self.dwell, self.period[1]
         if 2 * dwell > longest:
@@ -256,7 +254,6 @@ class Objective(Given):
     speed: float | None = positive("speed", "least mean speed, only with `minimise`", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault unless there is one objective."""
         if (self.maximise is None) == (self.minimise is None):
             yield "", 'no objective or two are given; write maximise = "speed" or minimise'
         if self.speed is not None and self.minimise is None:

@@ -216,7 +216,6 @@ class Duration(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if no cycle is left."""
         if self.settle >= self.cycles:
             yield "settle", f"no cycle is left; write at most {self.cycles - 1}"
 

@@ -13,8 +13,8 @@ from scipy.optimize import minimize_scalar
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import PlanarLaw
-from wormopt.systems.planar.poses import Travel, compose, rotate, travel
-from wormopt.systems.planar.shape import Shape, Stroke
+from wormopt.systems.planar.poses import Travel, rotate, travel
+from wormopt.systems.planar.shape import Kinematics, Shape, Stroke, kinematics_at
 
 CONSISTENT = 1e-9
 """Accepted contradiction of more than three constraints, relative to the fastest rate."""
@@ -104,39 +104,6 @@ class Held:
     condition: np.ndarray  # (m,) of the constraints, independent of units and frame
     contradiction: np.ndarray  # (m,) largest residual velocity of a constraint
     scale: np.ndarray  # (m,) size of the velocities from the shape alone
-
-
-@dataclass(frozen=True, eq=False)
-class Kinematics:
-    """Places, headings and velocities (J twist + B rates) of points at m shapes."""
-
-    points: np.ndarray  # (m, n, 2)
-    headings: np.ndarray  # (m, n)
-    J: np.ndarray  # (m, 2n, 3)
-    B: np.ndarray  # (m, 2n, n_s)
-
-    @property
-    def scaling(self) -> np.ndarray:
-        """Matrices (m, 3, 3) from twists to mean velocities, and rotation times size."""
-        middle = self.points.mean(axis=1)
-        spread = self.points - middle[:, None]
-        size = np.sqrt(np.mean(np.sum(spread**2, axis=-1), axis=-1))
-        T = np.tile(np.eye(3), (len(size), 1, 1))
-        T[:, 0, 2], T[:, 1, 2] = middle[:, 1] / size, -middle[:, 0] / size
-        T[:, 2, 2] = 1 / size
-        return T
-
-
-def kinematics_at(shape: Shape, s: np.ndarray) -> Kinematics:
-    """Return the kinematics at shapes (m, n_s)."""
-    m, n = len(s), shape.n_points
-    points, headings, J, B = (np.asarray(part) for part in shape.kinematics(s.T))
-    return Kinematics(
-        points.T.reshape(m, n, 2),
-        headings.T.reshape(m, n),
-        np.moveaxis(J.reshape(2 * n, m, 3), 1, 0),
-        np.moveaxis(B.reshape(2 * n, m, -1), 1, 0),
-    )
 
 
 def held(at: Kinematics, rates: np.ndarray, constraints: Constraints) -> Held:
@@ -282,13 +249,6 @@ class KinematicMotion:
         """Return places (m, n, 2) of the masses at phases (m,), with the frame at poses (m, 3)."""
         at = kinematics_at(self.shape, self.stroke.at(tau)[0])
         return poses[:, None, :2] + rotate(poses[:, None, 2], at.points)
-
-    def repeated(self, times: int) -> np.ndarray:
-        """Return poses (times + 1, 3) of the frame before the first stroke and after each."""
-        poses = [np.zeros(3)]
-        for _ in range(times):
-            poses.append(compose(poses[-1], self.displacement))
-        return np.array(poses)
 
 
 def kinematic_motion(
@@ -446,31 +406,16 @@ Ground = PlanarLaw | Sequence[PlanarLaw | None] | None
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Forces of the ground on the masses of a body that moves without inertia.
+    """Forces of the ground on the n masses of a body that moves without inertia, at m phases."""
 
-    Parameters
-    ----------
-    tau : ndarray, shape (m,)
-        Phases of the stroke.
-    force : ndarray, shape (m, n, 2)
-        Force on every mass along its heading and to its left. If loads are not determined, the
-        balanced ones with the least sum of squares; NaN if none balance.
-    determined : ndarray, shape (m,)
-        Whether balance alone determines the loads of pins and skids.
-    power : ndarray, shape (m,)
-        Power dissipated by sliding, by the phase.
-    velocity : ndarray, shape (m, n, 2)
-        Velocities of the masses along their headings and to their left, by the phase.
-    pinned : ndarray, shape (m, n)
-        Whether each mass is a pin.
-    """
-
-    tau: np.ndarray
+    tau: np.ndarray  # (m,)
+    # (m, n, 2) along headings and to their left; if loads are not determined, the balanced ones
+    # with the least sum of squares; NaN if none balance
     force: np.ndarray
-    determined: np.ndarray
-    power: np.ndarray
-    velocity: np.ndarray
-    pinned: np.ndarray
+    determined: np.ndarray  # (m,), whether balance alone determines the loads of pins and skids
+    power: np.ndarray  # (m,), dissipated by sliding, by the phase
+    velocity: np.ndarray  # (m, n, 2), along headings and to their left, by the phase
+    pinned: np.ndarray  # (m, n), whether a mass is a pin
 
     @property
     def pin_load(self) -> float:

@@ -178,7 +178,6 @@ class Block(Given, kw_only=False, tag_field="shape", tag="block"):
     ] = entry("corners in order", quantity="length")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a polygon without area."""
         pairs = zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
         twice = sum(a[0] * b[1] - a[1] * b[0] for a, b in pairs)
         wide = max(max(row) - min(row) for row in zip(*self.corners, strict=True))

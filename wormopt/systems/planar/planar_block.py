@@ -36,8 +36,9 @@ with on_use():
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.planar.dynamics.driven import Stop, driven_shape, stop_of
-    from wormopt.systems.planar.dynamics.motion import energy_error, measure_works
+    from wormopt.systems.planar.dynamics.motion import energy_error
     from wormopt.systems.planar.shape import rigid_shape
+    from wormopt.systems.shared.models import measure_works
 
 _AFTER = 1.1  # simulated time over the time of the stop
 
@@ -60,7 +61,6 @@ class Block(Given):
         return turned(vector, -self.heading)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the block is at rest."""
         if not any(self.velocity):
             yield "velocity", "the block is at rest; write a velocity other than 0"
 
@@ -118,7 +118,6 @@ class PlanarBlock(Study, kind="planar-block"):
     samples: int = whole(10, 100000, "samples kept, until shortly after the stop", default=601)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a pull that the ground cannot hold."""
         if (share := self.pull_share) >= 1:
             yield (
                 "block.pull",
@@ -152,7 +151,6 @@ class PlanarBlock(Study, kind="planar-block"):
         )
 
     def models(self) -> dict[str, Model]:
-        """Return the model that is simulated."""
         return {"": self.model()}
 
     @stage

@@ -49,7 +49,6 @@ class PerMassGround(Given):
         return list(zip(*rows, strict=True))
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a law without a minimum principle."""
         if self.law == "unit":
             yield (
                 "law",
@@ -105,11 +104,9 @@ class PlanarCrawl(Crawling, kind="planar-crawl"):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of masses."""
         return {"masses": self.body.links + 1}
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield strokes that do not fit the body, or in which it degenerates."""
         if self.body.n_s == 0:
             yield "body.links", "a single link of fixed length has no shape to change; write 3"
         else:
@@ -136,7 +133,6 @@ class PlanarCrawl(Crawling, kind="planar-crawl"):
             )
 
     def follow(self) -> Crawl:
-        """Return the crawl over a stroke."""
         laws = [Elliptic(*row) for row in self.ground.numbers(self.body.links + 1)]
         return crawl(
             self.body.shape(),
@@ -148,7 +144,6 @@ class PlanarCrawl(Crawling, kind="planar-crawl"):
 
     @property
     def duration(self) -> float:
-        """Duration of a stroke."""
         return self.period
 
     @parts(Signals)

@@ -81,7 +81,6 @@ class Aim(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a pose of a wrong length."""
         if self.pose is not None and len(self.pose) != 3:
             yield "pose", "missing; write [x, y, angle]"
 
@@ -169,7 +168,6 @@ class PlanarGaitDesign(Study, kind="planar-design"):
     search: Search = entry("starting points of the search", default=Search)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what is wrong with the ground, and lengths without limits."""
         if (self.ground is None) == (self.viscous is None):
             yield "ground", "exactly one of ground and viscous is required"
         if self.ground is not None and self.ground.law != "elliptic":

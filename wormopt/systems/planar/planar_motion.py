@@ -62,7 +62,6 @@ with on_use():
         gaps_at_start,
         let_give_way,
         longest_way,
-        measure_works,
         resting_masses,
         step_again,
         stepper_of,
@@ -71,6 +70,7 @@ with on_use():
         watch_links,
     )
     from wormopt.systems.planar.shape import Harmonics
+    from wormopt.systems.shared.models import measure_works
     from wormopt.systems.shared.proof import (
         CrossCheck,
         accepted_error,
@@ -167,7 +167,6 @@ class Chain(Given):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Numbers of masses, links and joints."""
         return {"masses": self.links + 1, "links": self.links, "joints": self.links - 1}
 
     def masses(self) -> np.ndarray:
@@ -380,7 +379,6 @@ class PlanarMotion(Study, kind="planar-motion"):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Numbers of masses, links and joints."""
         return self.worm.counts
 
     @property
@@ -390,7 +388,6 @@ class PlanarMotion(Study, kind="planar-motion"):
         return self.obstacle_stiffness or _STIFFER * largest or None
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what is wrong with gravity, ground, obstacles and actuators."""
         worm = self.worm
         if worm.slope and worm.gravity is None and self.units != "SI":
             yield "worm.gravity", 'missing; worm.slope needs it if units are not "SI"'
@@ -458,7 +455,6 @@ class PlanarMotion(Study, kind="planar-motion"):
                 raise SceneError(self.name, [(f"obstacles[{k}]", fault)])
 
     def models(self) -> dict[str, Model]:
-        """Return the model that is simulated."""
         return {"": self.model()}
 
     # -- computing ---------------------------------------------------------------------------------

@@ -87,7 +87,6 @@ class Gait(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield amplitudes and phases that do not ascend."""
         if any(b <= a for a, b in pairwise(self.amplitudes)):
             yield "amplitudes", "the amplitudes do not ascend; write the smallest first"
         ends = [0.0, *(held.until for held in self.held)]
@@ -234,7 +233,6 @@ class PlanarPath(Study, kind="planar-path"):
     search: Search = entry("options of the search", default=Search)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield shapes, rates and gaits that do not fit the body."""
         body, variables = self.body, self.body.n_s
         if len(self.rest) != variables:
             yield "rest", f"has {len(self.rest)} numbers for {variables} shape variables"
@@ -352,7 +350,6 @@ class PlanarPath(Study, kind="planar-path"):
 
     @attributes
     def drawn(self) -> Mapping[str, Any]:
-        """Parts of the scene that pictures need."""
         route = self.route
         return {
             "radius": self.radius,

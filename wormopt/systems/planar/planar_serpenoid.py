@@ -71,7 +71,6 @@ class PlanarSerpenoid(Study, kind="planar-serpenoid"):
     rods_per_wave: int = whole(3, 60, "number of rods per wave on finite worms", default=12)
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield finite worms on dry ground, and numbers of rods that are not possible."""
         if self.waves and self.ground != "viscous":
             yield "waves", "finite worms are computed on viscous ground only; leave it out"
         for waves in self.waves:

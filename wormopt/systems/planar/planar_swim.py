@@ -34,7 +34,7 @@ with on_use():
     from wormopt.numerics.collocation import Collocation
     from wormopt.ocp.mesh import Mesh
     from wormopt.systems.planar.poses import circle_of, rotate
-    from wormopt.systems.planar.shape import Stroke
+    from wormopt.systems.planar.shape import Stroke, kinematics_at
     from wormopt.systems.planar.swimming.best import (
         BestStroke,
         Frame,
@@ -139,7 +139,6 @@ class PlanarSwim(Study, kind="planar-swim"):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield what is wrong with the body, the stroke, and the limits of a search."""
         sizes, n_s = self.body.sizes or (1.0,), self.body.n_s
         if max(sizes) > _UNEVEN * min(sizes):
             yield "body.lengths", "the lengths differ too much; write lengths nearer to each other"
@@ -390,7 +389,7 @@ def over_stroke(swimmer: Swimmer, stroke: Stroke, done: Swim) -> Signals:
     phase = np.interp(instants, done.time, done.phase)
     shapes, rates = stroke.at(phase)
     poses = np.stack([np.interp(phase, done.phase, column) for column in done.poses.T], axis=-1)
-    points = np.stack([np.asarray(swimmer.shape.kinematics(s)[0]).T for s in shapes])
+    points = kinematics_at(swimmer.shape, shapes).points
     placed = poses[:, None, :2] + rotate(poses[:, None, 2], points)
     power = np.einsum("mi,mij,mj->m", rates, swimmer.local(shapes)[1], rates)
     size = power.mean() if power.mean() > 0 else 1.0

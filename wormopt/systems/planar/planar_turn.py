@@ -57,7 +57,6 @@ class TurnInPlace(Given, kw_only=False):
     bent: float = number("rad", "joint angle at which the swing ends, within ±π")
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield lengths that are too close, angles beyond ±π, and a swing that does not move."""
         if not self.short < self.long:
             yield (
                 "short",
@@ -161,15 +160,6 @@ def swing_hold(phi: np.ndarray | float, ratio: float, grip: float) -> np.ndarray
     return np.where(excess(least) <= 0, least, high)
 
 
-def heading_rate_bound(rate: float) -> float:
-    """Return the largest mean turn rate of a worm of two links, one of which always rests.
-
-    The heading is the mean of the directions of both links. With one link at rest it turns at half
-    the rate of the other, which is that of the joint, at most `rate`.
-    """
-    return abs(rate) / 2
-
-
 _ANGLES = 201
 
 
@@ -249,11 +239,9 @@ class PlanarTurn(Crawling, kind="planar-turn"):
 
     @property
     def duration(self) -> float:
-        """Duration of a gait."""
         return 2 * sum(self.durations)
 
     def follow(self) -> Crawl:
-        """Return the crawl over a gait."""
         ends, middle = self.worm.end_friction, self.worm.middle_friction
         laws = [Elliptic(f, f, f) for f in (ends, middle, ends)]
         return crawl(chain_shape(2), laws, self.worm.stroke)
@@ -265,7 +253,9 @@ class PlanarTurn(Crawling, kind="planar-turn"):
         gait, done = self.worm, self.crawl
         turn, middle = done.displacement[2], np.array([-gait.long, 0.0])
         drift = float(np.hypot(*(done.displacement[:2] + rotate(turn, middle) - middle)))
-        rate, bound = abs(float(turn)) / self.duration, heading_rate_bound(self.rate.joint)
+        rate = abs(float(turn)) / self.duration
+        # with one link at rest the mean of both directions turns at half the rate of the joint
+        bound = self.rate.joint / 2
         off = abs(turn - gait.turn), abs(done.work / gait.work - 1), drift / gait.long
         return Turned(
             heading_rate=rate,

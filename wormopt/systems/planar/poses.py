@@ -119,7 +119,7 @@ class Travel:
         """
         panels = len(self.ends) - 1
         at_nodes = velocities.reshape(panels, _DEGREE, -1, 2)
-        sizes = np.linalg.norm(np.einsum("kd,pdnc->pknc", _to_series(), at_nodes), axis=-1)
+        sizes = np.linalg.norm(np.einsum("kd,pdnc->pknc", to_series(), at_nodes), axis=-1)
         return (sizes.sum(axis=1) + sizes[:, -2:].sum(axis=1)).max(axis=1)
 
 
@@ -198,12 +198,12 @@ def divided(course: Travel, longest: float) -> Travel:
     start, size = ends[:-1][which, None], np.diff(ends)[which, None]
     nodes = gauss_nodes(fine[:-1], fine[1:])
     at = np.polynomial.legendre.legvander(2 * (nodes - start) / size - 1, _DEGREE - 1)
-    twists = np.einsum("pdk,kj,pjc->pdc", at, _to_series(), xi[which])
+    twists = np.einsum("pdk,kj,pjc->pdc", at, to_series(), xi[which])
     return travel_along(fine, twists, course.error)
 
 
 @cache
-def _to_series() -> np.ndarray:
+def to_series() -> np.ndarray:
     """Return the matrix (16, 16) from values at the nodes to Legendre coefficients."""
     rule, degrees = gauss(), np.arange(_DEGREE)
     at_nodes = np.polynomial.legendre.legvander(2 * rule.tau - 1, _DEGREE - 1)

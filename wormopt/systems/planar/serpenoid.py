@@ -156,18 +156,9 @@ class SerpenoidWave:
 
     The angle of rod j is that of the wave in its middle, a sin(2 pi (tau - (j - 1/2) / N)), with N
     rods per wave; joint angles are the differences.
-
-    Parameters
-    ----------
-    alpha : float
-        Amplitude of the tangent angle, in rad.
-    rods : int
-        Number of rods.
-    per_wave : float
-        Number of rods per wave.
     """
 
-    alpha: float
+    alpha: float  # amplitude of the tangent angle
     rods: int
     per_wave: float
 

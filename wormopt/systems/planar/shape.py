@@ -69,14 +69,20 @@ class Shape:
 
         They are linear in `twist` and `rates`.
         """
-        columns = [self._velocity(i) for i in range(self.n_points)]
-        return ca.horzcat(*columns)
+        points = range(self.n_points)
+        return ca.horzcat(*(turned(-self.headings[i], self.velocity(i)) for i in points))
 
-    def _velocity(self, i: int) -> ca.SX:
-        place, angle = self.points[:, i], self.headings[i]
+    def velocity(self, i: int) -> ca.SX:
+        """Return the velocity (2) of a point along the axes of the body's frame.
+
+        Parameters
+        ----------
+        i : int
+            Number of the point.
+        """
+        place = self.points[:, i]
         turn = ca.vertcat(-place[1], place[0])
-        velocity = self.twist[:2] + self.twist[2] * turn + ca.jtimes(place, self.s, self.rates)
-        return turned(-angle, velocity)
+        return self.twist[:2] + self.twist[2] * turn + ca.jtimes(place, self.s, self.rates)
 
     @cached_property
     def turning(self) -> ca.SX:
@@ -197,6 +203,39 @@ def _shape(s: ca.SX, names: tuple[str, ...], points: ca.SX, headings: ca.SX) -> 
     return Shape(s, names, points, headings, rates, twist)
 
 
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """Places, headings and velocities (J twist + B rates) of points at m shapes."""
+
+    points: np.ndarray  # (m, n, 2)
+    headings: np.ndarray  # (m, n)
+    J: np.ndarray  # (m, 2n, 3)
+    B: np.ndarray  # (m, 2n, n_s)
+
+    @property
+    def scaling(self) -> np.ndarray:
+        """Matrices (m, 3, 3) from twists to mean velocities, and rotation times size."""
+        middle = self.points.mean(axis=1)
+        spread = self.points - middle[:, None]
+        size = np.sqrt(np.mean(np.sum(spread**2, axis=-1), axis=-1))
+        T = np.tile(np.eye(3), (len(size), 1, 1))
+        T[:, 0, 2], T[:, 1, 2] = middle[:, 1] / size, -middle[:, 0] / size
+        T[:, 2, 2] = 1 / size
+        return T
+
+
+def kinematics_at(shape: Shape, s: np.ndarray) -> Kinematics:
+    """Return the kinematics at shapes (m, n_s)."""
+    m, n = len(s), shape.n_points
+    points, headings, J, B = (np.asarray(part) for part in shape.kinematics(s.T))
+    return Kinematics(
+        points.T.reshape(m, n, 2),
+        headings.T.reshape(m, n),
+        np.moveaxis(J.reshape(2 * n, m, 3), 1, 0),
+        np.moveaxis(B.reshape(2 * n, m, -1), 1, 0),
+    )
+
+
 @runtime_checkable
 class Stroke(Protocol):
     """A closed curve of the shape variables over a phase tau from 0 to 1."""
@@ -292,8 +331,9 @@ class Polygon(Stroke):
     Parameters
     ----------
     corners : array_like, shape (m, n_s)
-        Shapes in order (link lengths, if they vary, then joint angles in rad); the last side
-        returns to the first corner.
+        Shapes in order (link lengths, if they vary, then joint angles in rad).
+    closed : bool, optional
+        Whether a last side returns to the first corner.
 
     Raises
     ------
@@ -307,6 +347,7 @@ class Polygon(Stroke):
     """
 
     corners: Any  # stored as an array
+    closed: bool = True
 
     def __post_init__(self) -> None:
         corners = np.array(self.corners, dtype=float)
@@ -321,11 +362,11 @@ class Polygon(Stroke):
     @property
     def breaks(self) -> np.ndarray:
         """Phases of the corners."""
-        return np.linspace(0.0, 1.0, len(self.corners) + 1)
+        return np.linspace(0.0, 1.0, len(self.corners) + self.closed)
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        phase = np.atleast_1d(np.asarray(tau, dtype=float))
-        m, closed = len(self.corners), np.vstack([self.corners, self.corners[:1]])
-        side = np.clip(np.searchsorted(self.breaks, phase, side="right") - 1, 0, m - 1)
-        way = np.diff(closed, axis=0)[side]
-        return closed[side] + (phase * m - side)[:, None] * way, m * way
+        phase, breaks = np.atleast_1d(np.asarray(tau, dtype=float)), self.breaks
+        m, ends = len(breaks) - 1, np.vstack([self.corners, self.corners[:1]])
+        side = np.clip(np.searchsorted(breaks, phase, side="right") - 1, 0, m - 1)
+        way = np.diff(ends, axis=0)[side]
+        return ends[side] + (phase * m - side)[:, None] * way, m * way

@@ -43,7 +43,6 @@ class Body(Given):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of links."""
         return {"links": self.links}
 
     @property
@@ -232,7 +231,6 @@ class Drags(Given):
         )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if the ground does not resist both along and across."""
         if max(min(self.along, self.across), min(self.mass_along, self.mass_across)) == 0:
             yield (
                 "",
@@ -261,7 +259,6 @@ class HarmonicStroke(Given, tag_field="course", tag="harmonic"):
         return {"mean": (self.mean,), "cosine": self.cosine, "sine": self.sine}
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield harmonics that are missing or incomplete."""
         if not self.cosine:
             yield "cosine", "there is no harmonic; write a row for each"
         if len(self.cosine) != len(self.sine):
@@ -283,7 +280,6 @@ class PolygonStroke(Given, tag_field="course", tag="polygon"):
         return {"corners": self.corners}
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a fault if nothing changes because there are too few corners."""
         if len(self.corners) < 2:
             yield "corners", "there are fewer than two corners; write two or more"
 
@@ -337,7 +333,6 @@ class PlanarLimits(Given):
     )
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield ranges in the wrong order, angles beyond ±π, and a passage without room."""
         for name, pair in (("angle", self.angle), ("length", self.length)):
             if pair is not None:
                 yield from wrong_order(name, pair, may_be_equal=False)

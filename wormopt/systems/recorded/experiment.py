@@ -491,7 +491,6 @@ class PlannedExperiment(FromScene, kind="experiment"):
 
     @scalars({})
     def errors(self) -> dict[str, Scalar]:
-        """Expected standard error of every unknown."""
         return {
             f"{label_of(name)}_error": Scalar(float(error) if np.isfinite(error) else None, unit)
             for (name, unit), error in zip(
@@ -501,7 +500,6 @@ class PlannedExperiment(FromScene, kind="experiment"):
 
     @scalars({})
     def constants(self) -> dict[str, Scalar]:
-        """The chosen constants."""
         return {
             f"chosen_{label_of(name)}": Scalar(
                 value,
@@ -524,7 +522,6 @@ class PlannedExperiment(FromScene, kind="experiment"):
 
     @arrays({"time": ("time", ("time",), "time")})
     def signals(self) -> dict[str, Any]:
-        """Inputs, and measured or limited signals, over time."""
         plan, units = self.plan, self.signal_units
         experiment = plan.experiment
         times = np.linspace(0.0, experiment.end, _SHOWN)

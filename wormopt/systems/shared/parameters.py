@@ -1,18 +1,20 @@
-"""Parameters of worm models: one number for all, one for each, or a function of time."""
+"""Parameters and friction laws of worm models: one for all, one for each, or over time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
+from wormopt.model.friction import Law
 from wormopt.model.model import TINY, Signal
 from wormopt.model.schedule import ParameterPath, Schedule
-from wormopt.model.values import numbers_of
+from wormopt.model.values import numbers, numbers_of
 
 _LEAST: Mapping[str, float] = {
     "mass": TINY,
@@ -27,6 +29,30 @@ def parameter(name: str, given: ArrayLike, size: int, unit: str) -> Signal:
     signal = Signal(name, ca.SX.sym(name, size), unit, lower=lower, value=values)
     signal.check(np.array(values))
     return signal
+
+
+def positive(name: str, given: float, unit: str) -> Signal:
+    """Make a parameter of a model that is one positive number."""
+    value = float(numbers(name, given))
+    signal = Signal(name, ca.SX.sym(name), unit, lower=TINY, value=value)
+    signal.check(np.array([value]))
+    return signal
+
+
+def laws_of_each(law: Law | Sequence[Law], masses: int) -> list[Law]:
+    """Return the friction law of each mass, from one law for all or one for each."""
+    laws: list[Any] = [law] * masses
+    if isinstance(law, Sequence) and not isinstance(law, str):
+        laws = [*law]
+    if len(laws) != masses:
+        raise ArgumentError(f"law has {len(laws)} entries; give one law, or {masses}, one per mass")
+    for each in {type(each): each for each in laws}.values():
+        if not isinstance(each, Law) or isinstance(each, type):
+            raise ArgumentError(
+                f"law contains {each!r}, which is not a friction law; write Coulomb(forward, "
+                "backward), for example"
+            )
+    return laws
 
 
 def varied_parameter(

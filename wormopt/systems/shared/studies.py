@@ -1,4 +1,4 @@
-"""Studies of several systems: values in SI units, and keys that the engine refuses."""
+"""Studies of several systems: values in SI units, windings, keys that the engine refuses."""
 
 from __future__ import annotations
 
@@ -20,6 +20,12 @@ class SIStudy(Study):
     def faults_of_keys(self) -> Iterator[Fault]:
         if self.units != "SI":
             yield "units", self.why_si
+
+
+def wrong_winding(inner: float, outer: float) -> Iterator[Fault]:
+    """Yield a fault if a winding has no thickness."""
+    if inner >= outer:
+        yield "inner_radius", f"{inner:g} is not below outer_radius = {outer:g}; write less"
 
 
 @contextmanager

@@ -129,7 +129,6 @@ class Capsule(OptimalMotion, kind="capsule"):
         return {"phases": found}
 
     def expressions(self) -> Mapping[str, ca.SX]:
-        """Return the signals to sample."""
         model = self.motion.program.problem.model
         names = ("position", "velocity", "inner_position", "inner_velocity")
         return {**{name: model[name] for name in names}, "contact_force": model.forces}

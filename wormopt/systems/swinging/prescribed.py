@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,8 +17,9 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law
 from wormopt.model.lift import lift
-from wormopt.model.model import TINY, Contact, Model, Output, Signal
+from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.values import numbers
+from wormopt.systems.shared.parameters import laws_of_each, positive
 
 # Accepted sum of the relative momenta, as a share of the largest of a mass.
 _BALANCED = 1e-12
@@ -44,9 +44,14 @@ def harmonic_masses(
     cosines, sines = _harmonics(cosines, sines)
     masses = _masses(mass, len(cosines))
     _check_balance(cosines, sines, masses)
-    laws, friction = lift(_laws(law, len(cosines)))
+    laws, friction = lift(laws_of_each(law, len(cosines)))
     t, V, force = ca.SX.sym("t"), ca.SX.sym("V"), ca.SX.sym("friction", len(cosines))
-    scale, omega, total = (ca.SX.sym(name) for name in ("scale", "frequency", "total_mass"))
+    sizes = [
+        positive("scale", 1.0, "share"),
+        positive("frequency", frequency, "angular_frequency"),
+        positive("total_mass", masses.sum(), "mass"),
+    ]
+    scale, omega, total = (size.symbol for size in sizes)
     order = np.arange(1, cosines.shape[1] + 1)
     turn = omega * t * ca.DM(order)
     relative = scale * (ca.DM(cosines) @ ca.cos(turn) + ca.DM(sines) @ ca.sin(turn))
@@ -68,13 +73,11 @@ def harmonic_masses(
         outputs.append(Output("displacement", x + scale / omega * way, "length"))
         states.insert(0, Signal("center", x, "length", speed / float(frequency), value=0.0))
         ode = ca.vertcat(V, ode)
-    given = ((scale, "share", 1.0), (omega, "angular_frequency", frequency),
-             (total, "mass", masses.sum()))  # fmt: skip
     return Model(
         "harmonic masses",
         x=states,
         ode=ode,
-        p=[*(_positive(*each) for each in given), *friction],
+        p=[*sizes, *friction],
         t=t,
         outputs=outputs,
         contacts=[
@@ -103,7 +106,7 @@ def steady_masses(amplitude: ArrayLike, law: Coulomb | Sequence[Coulomb]) -> flo
     sizes = numbers("amplitude", amplitude).ravel()
     if not (sizes.size and np.all((sizes > 0) & (sizes < math.inf))):
         raise ArgumentError("amplitudes must be positive and finite")
-    laws = _laws(law, sizes.size)
+    laws = laws_of_each(law, sizes.size)
     if not all(isinstance(each, Coulomb) for each in laws):
         raise ArgumentError("the closed form needs dry friction; write Coulomb(forward, backward)")
     ahead = np.array([float(each.slip_force(0.0, 1)) for each in laws])
@@ -158,17 +161,3 @@ def _check_balance(cosines: np.ndarray, sines: np.ndarray, masses: np.ndarray) -
             f"{worst + 1} the masses times cosines add up to {left[worst, 0]:.6g}, times sines to "
             f"{left[worst, 1]:.6g}; change one mass's by that amount"
         )
-
-
-def _laws(law: Law | Sequence[Law], count: int) -> list[Any]:
-    laws: list[Any] = list(law) if isinstance(law, Sequence) else [law] * count
-    if len(laws) != count or not all(isinstance(each, Law) for each in laws):
-        raise ArgumentError(f"law must be one friction law, or {count}, not {law!r}")
-    return laws
-
-
-def _positive(symbol: ca.SX, unit: str, value: float) -> Signal:
-    name = str(symbol)
-    signal = Signal(name, symbol, unit, lower=TINY, value=float(numbers(name, value)))
-    signal.check(np.array([signal.value]))
-    return signal

@@ -16,14 +16,15 @@ import casadi as ca
 import numpy as np
 
 from wormopt.analysis.average import average
+from wormopt.analysis.steady import Rates
 from wormopt.errors import SolveError
-from wormopt.model.model import Model, Signal, pack
-from wormopt.model.values import signal_values
+from wormopt.model.model import Model, Signal
 from wormopt.numerics.roots import root
 from wormopt.progress import Report
 from wormopt.simulation.options import Exact, Recheck, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.shared.models import with_integrals
 from wormopt.systems.shared.proof import CrossCheck, cross_check
 from wormopt.systems.shared.signals import rests
 
@@ -72,27 +73,16 @@ class SlowVelocity:
         return average(self.model, self.period, order=self.order, nodes=self.nodes)
 
     @cached_property
-    def _rate(self) -> ca.Function:
-        return ca.Function(
-            "rate", [pack(self.averaged.x), pack(self.averaged.p)], [self.averaged.ode]
-        )
-
-    @cached_property
-    def _slope(self) -> ca.Function:
-        V, p = pack(self.averaged.x), pack(self.averaged.p)
-        return ca.Function("slope", [V, p], [ca.jacobian(self.averaged.ode, V)])
+    def _rates(self) -> Rates:
+        return Rates(self.averaged)
 
     @cached_property
     def _p(self) -> np.ndarray:
-        return signal_values(self.averaged.p, None, "parameter")
+        return self._rates.parameters(None)
 
     def rate(self, V: float) -> float:
         """Mean acceleration at velocity V of the centre."""
-        return float(self._rate(V, self._p))
-
-    def slope(self, V: float) -> float:
-        """Derivative of the mean acceleration by the velocity V of the centre."""
-        return float(self._slope(V, self._p))
+        return float(self._rates(np.array([[V]]), self._p)[0, 0])
 
     def steady(self, bends: Sequence[float]) -> list[Steady]:
         """Find all steady velocities, ascending.
@@ -100,7 +90,8 @@ class SlowVelocity:
         At `bends` a mass begins or ceases to reverse; no velocity beyond the outermost is steady.
         """
         found = sign_changes(self.rate, _grid(bends))
-        return [Steady(V, self.slope(V)) for V in found]
+        slopes = self._rates.slopes(np.reshape(found, (-1, 1)), self._p).ravel().tolist()
+        return [Steady(V, slope) for V, slope in zip(found, slopes, strict=True)]
 
 
 def sign_changes(rate: Callable[[float], float], grid: np.ndarray) -> list[float]:
@@ -172,17 +163,12 @@ class Orbit:
 
 def measured(model: Model) -> Model:
     """Append the states ``impulse`` (of the contacts) and ``work`` (of the actuators)."""
-    impulse, work = ca.SX.sym("impulse", len(model.contacts)), ca.SX.sym("work")
-    size = model.x[-1].nominal
-    return replace(
-        model,
-        x=[
-            *model.x,
-            Signal("impulse", impulse, "impulse", size, value=(0.0,) * impulse.numel()),
-            Signal("work", work, "energy", size, value=0.0),
-        ],
-        ode=ca.vertcat(model.ode, model.forces, model["power"]),
-    )
+    count, size = len(model.contacts), model.x[-1].nominal
+    states = [
+        Signal("impulse", ca.SX.sym("impulse", count), "impulse", size, value=(0.0,) * count),
+        Signal("work", ca.SX.sym("work"), "energy", size, value=0.0),
+    ]
+    return with_integrals(model, states, [model.forces, model["power"]])
 
 
 @dataclass(frozen=True, eq=False)

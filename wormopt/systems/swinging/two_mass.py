@@ -49,7 +49,6 @@ class Pair(Given):
         return low, high
 
     def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a ratio that is an empty range, or too large."""
         yield from wrong_order("ratio", self.ratios, may_be_equal=True)
         if self.ratios[1] >= 1:
             yield (
@@ -145,7 +144,6 @@ class TwoMass(OptimalMotion, kind="two-mass"):
         return {"phases": found}
 
     def expressions(self) -> Mapping[str, ca.SX]:
-        """Return the signals to sample."""
         model = self.motion.program.problem.model
         signals = {name: model[name] for name in ("position", "velocity", "force")}
         return {**signals, "contact_share": model.forces}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import islice, pairwise, takewhile
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from wormopt.errors import ArgumentError
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
-from wormopt.systems.planar.poses import Travel, gauss, gauss_nodes, travel_along
+from wormopt.systems.planar.poses import Travel, gauss_nodes, to_series, travel_along
 from wormopt.systems.planar.shape import Shape, Stroke
 
 # Accuracy of breaks, and samples within a gap. Thinner phases are left out: as the velocity is
@@ -409,7 +409,7 @@ def resolve(
 def _missed(twist: np.ndarray, power: np.ndarray) -> np.ndarray:
     """Return the last coefficients (K, 4) of the Legendre series of twists and powers."""
     values = np.concatenate([twist, power[..., None]], axis=2)
-    last = np.einsum("kd,pdc->pkc", _last_rows(), values)
+    last = np.einsum("kd,pdc->pkc", to_series()[-2:], values)
     return np.abs(last).max(axis=1)
 
 
@@ -423,20 +423,6 @@ def _follows(
     tau = start[:, None] + (end - start)[:, None] * np.array([_END, 1 - _END])
     motion = course.at(tau.ravel(), [phase for phase in within for _ in tau[0]])
     there = np.column_stack([motion.twist, motion.power]).reshape(*tau.shape, 4)
-    led = np.einsum("ed,kdc->kec", _to_ends(), np.concatenate([twist, power[..., None]], axis=2))
+    to_ends = legvander(np.array([2 * _END - 1, 1 - 2 * _END]), twist.shape[1] - 1) @ to_series()
+    led = np.einsum("ed,kdc->kec", to_ends, np.concatenate([twist, power[..., None]], axis=2))
     return np.all(np.abs(led - there) <= _LEAPT * course.sizes, axis=(1, 2))
-
-
-@cache
-def _to_ends() -> np.ndarray:
-    """Return the matrix from values at the nodes to those near both ends, (2, d)."""
-    tau = gauss().tau
-    near = legvander(np.array([2 * _END - 1, 1 - 2 * _END]), len(tau) - 1)
-    return near @ np.linalg.inv(legvander(2 * tau - 1, len(tau) - 1))
-
-
-@cache
-def _last_rows() -> np.ndarray:
-    """Return the matrix from values at the nodes to the last two coefficients, (2, d)."""
-    tau = gauss().tau
-    return np.linalg.inv(legvander(2 * tau - 1, len(tau) - 1))[-2:]

@@ -19,6 +19,7 @@ from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 from wormopt.systems.planar.crawling.crawl import Course, Crawl, Phase
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion, refuse_open
 from wormopt.systems.planar.poses import compose, rotate
+from wormopt.systems.planar.shape import kinematics_at
 
 _FEW = 8  # midpoints next to an instant at which the motion is not unique
 _ROUNDING = 1e-12  # share of velocities relative to the head
@@ -145,14 +146,9 @@ class Record:
     shapes: np.ndarray  # (m, n_s)
     rates: np.ndarray  # (m, n_s), by the phase
     points: np.ndarray  # (m, masses, 2), in the frame of the body
-    headings: np.ndarray  # (m, masses), in the frame of the body
+    forces: np.ndarray  # (m, masses, 2), of the ground in the frame of the body
     motion: Motion
     actuators: np.ndarray  # (m, n_s), their loads
-
-    @property
-    def forces(self) -> np.ndarray:
-        """Forces (m, masses, 2) of the ground in the frame of the body."""
-        return rotate(self.headings, self.motion.forces)
 
 
 def record(crawl: Crawl, tau: np.ndarray) -> Record:
@@ -161,15 +157,11 @@ def record(crawl: Crawl, tau: np.ndarray) -> Record:
     crawler = course.crawler
     shapes, rates = course.stroke.at(tau)
     motion = motion_at(crawl, tau)
-    mapped = crawler.shape.kinematics.map(len(tau))
-    points, headings = (np.array(part) for part in mapped.call([shapes.T])[:2])
-    m = crawler.shape.n_points
-    points = points.reshape(2, len(tau), m).transpose(1, 2, 0)
-    headings = headings.reshape(m, len(tau)).T
-    forces = rotate(headings, motion.forces)
+    at = kinematics_at(crawler.shape, shapes)
+    forces = rotate(at.headings, motion.forces)
     lengths = "length 1" in crawler.shape.names
-    loads = actuator_loads(points, forces, crawler.load, lengths=lengths)
-    return Record(tau, shapes, rates, points, headings, motion, loads)
+    loads = actuator_loads(at.points, forces, crawler.load, lengths=lengths)
+    return Record(tau, shapes, rates, at.points, forces, motion, loads)
 
 
 def motion_at(crawl: Crawl, tau: np.ndarray) -> Motion:

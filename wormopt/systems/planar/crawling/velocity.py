@@ -27,7 +27,7 @@ from wormopt.systems.planar.crawling.balance import (
     reactions,
     turned_out,
 )
-from wormopt.systems.planar.shape import Shape
+from wormopt.systems.planar.shape import Shape, kinematics_at
 
 FITS = 1e-12  # residual velocities of masses that can rest together
 _NARROW = 10.0 ** -np.arange(0, 12)
@@ -334,11 +334,8 @@ class Crawler:
     def bodies(self, s: np.ndarray, ds: np.ndarray) -> Bodies:
         """Return bodies at shapes (G, n_s) and rates."""
         G, m = len(s), self.shape.n_points
-        mapped = self.shape.kinematics.map(G)
-        _, _, J, B = (np.array(part) for part in mapped.call([s.T]))
-        J = J.reshape(2 * m, G, 3).transpose(1, 0, 2).reshape(G, m, 2, 3)
-        B = B.reshape(2 * m, G, -1).transpose(1, 0, 2)
-        b = (B @ ds[..., None]).reshape(G, m, 2)
+        at = kinematics_at(self.shape, s)
+        J, b = at.J.reshape(G, m, 2, 3), (at.B @ ds[..., None]).reshape(G, m, 2)
         speed = np.abs(b).max(axis=(1, 2))
         speed[speed == 0] = 1.0
         length = np.sqrt((J[..., 2] ** 2).sum(axis=2).mean(axis=1))

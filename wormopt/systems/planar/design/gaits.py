@@ -15,7 +15,6 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from msgspec import structs
-from numpy.typing import ArrayLike
 
 from wormopt.errors import SolveError
 from wormopt.model.model import Model, Output, Signal
@@ -31,7 +30,7 @@ from wormopt.systems.planar.design.aim import Dry, PlanarAim
 from wormopt.systems.planar.design.polish import STEEP, Polish, polish, side_times
 from wormopt.systems.planar.design.polygons import Steps, first_corners, guess_from
 from wormopt.systems.planar.poses import rotate
-from wormopt.systems.planar.shape import Polygon, Shape
+from wormopt.systems.planar.shape import Polygon, Shape, kinematics_at
 from wormopt.systems.planar.swimming.swimmer import swim
 
 
@@ -246,34 +245,6 @@ _LOST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """Shape variables that are linear from corner to corner and end at the last.
-
-    Like a stroke, but not closed: each side takes the same part of the phase.
-    """
-
-    corners: np.ndarray
-
-    @property
-    def n_s(self) -> int:
-        """Number of shape variables."""
-        return int(self.corners.shape[1])
-
-    @property
-    def breaks(self) -> np.ndarray:
-        """Phases of the corners."""
-        return np.linspace(0.0, 1.0, len(self.corners))
-
-    def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Shapes (m, n_s) at phases (m,), and their derivatives."""
-        phase = np.atleast_1d(np.asarray(tau, dtype=float))
-        sides = len(self.corners) - 1
-        side = np.clip(np.searchsorted(self.breaks, phase, side="right") - 1, 0, sides - 1)
-        way = np.diff(self.corners, axis=0)[side]
-        return self.corners[side] + (phase * sides - side)[:, None] * way, sides * way
-
-
-@dataclass(frozen=True, eq=False)
 class PlanarDesign:
     """Result of `design_stroke`: a gait or path by its exact motion, a local optimum.
 
@@ -298,9 +269,9 @@ class PlanarDesign:
     tried: tuple[float, ...] = field(default=())
 
     @property
-    def stroke(self) -> Polygon | Course:
+    def stroke(self) -> Polygon:
         """The gait as other solvers take it."""
-        return Polygon(self.corners) if self.aim.closed else Course(self.corners)
+        return Polygon(self.corners, self.aim.closed)
 
     @property
     def times(self) -> np.ndarray:
@@ -353,7 +324,18 @@ class PlanarDesign:
 
     def places(self, per_side: int = 24) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return times (m,), shapes (m, n_s), poses (m, 3), places (m, masses, 2) of a cycle."""
-        return _places(self, per_side)
+        aim, corners = self.aim, self.corners
+        whole = np.vstack([corners, corners[:1]]) if aim.closed else corners
+        k = len(whole) - 1
+        tau = np.tile(np.arange(per_side) / per_side, k)[:, None]
+        begin, way = np.repeat(whole[:-1], per_side, axis=0), np.diff(whole, axis=0)
+        shapes = np.vstack([begin + tau * np.repeat(way, per_side, axis=0), whole[-1:]])
+        steps = Steps(aim.shape, aim.ground, parts=1, points=4).sides(shapes, closed=False)
+        poses = np.array(list(steps.running))
+        paces = self.times if aim.timed else np.full(k, aim.time / k)
+        times = np.concatenate([[0.0], np.cumsum(np.repeat(paces / per_side, per_side))])
+        points = kinematics_at(aim.shape, shapes).points
+        return times, shapes, poses, poses[:, None, :2] + rotate(poses[:, None, 2], points)
 
 
 def design_stroke(
@@ -543,31 +525,13 @@ def _task(aim: PlanarAim, corners: np.ndarray) -> Polish:
 
 def moved(aim: PlanarAim, corners: np.ndarray) -> tuple[np.ndarray, float]:
     """Return displacement (3,) and work of a cycle by the exact motion: crawling, or swimming."""
-    stroke = Polygon(corners) if aim.closed else Course(corners)
+    stroke = Polygon(corners, aim.closed)
     if isinstance(aim.ground, Dry):
         found = crawl(aim.shape, aim.ground.each_law(aim.shape), stroke)
         return found.displacement, found.work
     swum = swim(aim.ground.swimmer, stroke)
     time = side_times(aim, corners).sum() if aim.timed else aim.time
     return swum.displacement, swum.work(float(time))
-
-
-def _places(
-    design: PlanarDesign, per_side: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    aim, corners = design.aim, design.corners
-    end = corners[:1] if aim.closed else corners[:0]
-    whole = np.vstack([corners, end])
-    k = len(whole) - 1
-    tau = np.tile(np.arange(per_side) / per_side, k)[:, None]
-    begin, way = np.repeat(whole[:-1], per_side, axis=0), np.diff(whole, axis=0)
-    shapes = np.vstack([begin + tau * np.repeat(way, per_side, axis=0), whole[-1:]])
-    steps = Steps(aim.shape, aim.ground, parts=1, points=4).sides(shapes, closed=False)
-    poses = np.array(list(steps.running))
-    paces = design.times if aim.timed else np.full(k, aim.time / k)
-    times = np.concatenate([[0.0], np.cumsum(np.repeat(paces / per_side, per_side))])
-    points = np.array([np.asarray(aim.shape.kinematics(s)[0]).T for s in shapes])
-    return times, shapes, poses, poses[:, None, :2] + rotate(poses[:, None, 2], points)
 
 
 def widest(design: PlanarDesign) -> float:

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial import legendre
 
 from wormopt.errors import SolveError
 from wormopt.numerics.expressions import at_rows
@@ -218,30 +219,14 @@ class Steps:
     @cached_property
     def _rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of [0, 1], their weights, and the matrix of integrals up to each point."""
-        x, w = np.polynomial.legendre.leggauss(self.points)
-        x, w = (x + 1) / 2, w / 2
-        basis = np.polynomial.legendre.legvander(2 * x - 1, self.points - 1)
-        up = np.stack(
-            [
-                (
-                    np.polynomial.legendre.legval(
-                        2 * x - 1, np.polynomial.legendre.legint(np.eye(self.points)[j], lbnd=-1)
-                    )
-                )
-                / 2
-                for j in range(self.points)
-            ],
-            axis=1,
-        )
-        one = np.linalg.solve(basis.T, up.T).T
-        h = 1 / self.parts
-        tau = np.concatenate([(i + x) * h for i in range(self.parts)])
-        full = np.zeros((len(tau), len(tau)))
-        for i in range(self.parts):
-            rows = slice(i * self.points, (i + 1) * self.points)
-            full[rows, rows] = h * one
-            full[rows, : i * self.points] = np.tile(w * h, i)
-        return tau, np.tile(w * h, self.parts), full
+        x, w = legendre.leggauss(self.points)
+        x, w, parts, h = (x + 1) / 2, w / 2, np.arange(self.parts), 1 / self.parts
+        basis = legendre.legvander(2 * x - 1, self.points - 1)
+        up = legendre.legval(2 * x - 1, legendre.legint(np.eye(self.points), lbnd=-1)) / 2
+        one = np.linalg.solve(basis.T, up).T
+        before = np.kron(parts[:, None] > parts, np.tile(w, (self.points, 1)))
+        tau = ((parts[:, None] + x) * h).ravel()
+        return tau, np.tile(w * h, self.parts), h * (before + np.kron(np.eye(self.parts), one))
 
 
 def _regular(hessian: np.ndarray) -> np.ndarray:

@@ -10,7 +10,6 @@ import numpy as np
 
 from wormopt.control.loop import feed
 from wormopt.errors import ArgumentError
-from wormopt.model.friction import Viscous
 from wormopt.model.model import Model, Output, Signal, Switch, pack
 from wormopt.model.values import signal_values
 from wormopt.progress import Report, silent
@@ -18,8 +17,7 @@ from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.simulation.walls import smooth_walls
 from wormopt.systems.planar.shape import Harmonics
-
-_POWER = "_power"
+from wormopt.systems.shared.models import drags_in_ode
 
 
 def swing(plant: Model, period: float, courses: dict[str, Harmonics]) -> Model:
@@ -55,25 +53,6 @@ def _course(name: str, unit: str, course: Harmonics, phase: ca.SX) -> tuple[ca.S
         for h, row in zip(orders, rows, strict=True):
             value = value + row * wave(h * phase)
     return value, [signal for signal in signals if signal.size]
-
-
-def measure_works(model: Model, nominal: float) -> Model:
-    """Add states ``<name>_work`` that integrate the outputs ``<name>_power``."""
-    powers = [o for o in model.outputs if o.name.endswith(_POWER)]
-    states = [
-        Signal(o.name.removesuffix(_POWER) + "_work", ca.SX.sym("work"), "energy", nominal,
-               value=0.0)
-        for o in powers
-    ]  # fmt: skip
-    own = pack(states)
-    return replace(
-        model,
-        x=[*model.x, *states],
-        ode=ca.vertcat(model.ode, *(o.expression for o in powers)),
-        switches=[
-            Switch(s.name, s.guard, ca.vertcat(s.reset, own), s.terminal) for s in model.switches
-        ],
-    )
 
 
 def watch_links(model: Model, least: float) -> Model:
@@ -238,7 +217,7 @@ def stepper_of(worm: Model) -> MoreauJean | None:
     It treats laws with an elliptic or box set of forces and linear drag, with rods or without.
     """
     try:
-        return MoreauJean(_with_clock(_drags_in_ode(worm)))
+        return MoreauJean(_with_clock(drags_in_ode(worm)))
     except ArgumentError:
         return None
 
@@ -291,15 +270,3 @@ def _with_clock(worm: Model) -> Model:
         p=worm.p,
         contacts=contacts,
     )  # fmt: skip
-
-
-def _drags_in_ode(worm: Model) -> Model:
-    """Return the same worm with linear drag as an ordinary force."""
-    drags = [c for c in worm.contacts if isinstance(c.law, Viscous)]
-    if not drags:
-        return worm
-    forces = [c.law.slip_force(c.velocity, 1) for c in drags]  # type: ignore[union-attr,call-arg]
-    symbols = ca.vertcat(*(c.force for c in drags))
-    ode = ca.substitute(worm.ode, symbols, ca.vertcat(*forces))
-    kept = [c for c in worm.contacts if not isinstance(c.law, Viscous)]
-    return replace(worm, ode=ode, contacts=kept, outputs=())

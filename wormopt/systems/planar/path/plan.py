@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial, reduce
 
 import numpy as np
 from scipy.optimize import least_squares, minimize
@@ -24,27 +24,6 @@ from wormopt.systems.planar.poses import compose, inverse, rotate
 # Cells are larger by this share, so that steps of round lengths do not end on sides of cells, and
 # costs closer than this share count as equal: neither then depends on round-off.
 _ODD, _APART = 1.00371, 1e-9
-
-
-@dataclass(frozen=True)
-class SearchOptions:
-    """Options of a search.
-
-    Parameters
-    ----------
-    cost : {"steps", "work", "time"}, optional
-        Quantity to minimise.
-    cell : (float, float), optional
-        Length and angle of cells in which only the cheapest pose is kept. The result is then the
-        best of the library, except paths through poses beside a cheaper one in their cell. With
-        (0, 0) the search is exact, but long searches do not end.
-    most : int, optional
-        Number of poses after which the search stops.
-    """
-
-    cost: Cost = "steps"
-    cell: tuple[float, float] = (0.0, 0.0)
-    most: int = 200_000
 
 
 @dataclass(frozen=True)
@@ -71,17 +50,20 @@ def routes(
     task: PathTask,
     library: Library,
     capture: Tolerance,
-    options: SearchOptions,
     looked: Looked,
+    *,
+    cost: Cost = "steps",
+    cell: tuple[float, float] = (0.0, 0.0),
+    most: int,
     report: Report | None = None,
 ) -> Iterator[Route]:
     """Yield sequences of steps that end within `capture` of the goal, the cheapest first.
 
     Steps are checked against obstacles when they are expanded. `looked` is kept up to date. Ends if
-    nothing is left, or at `options.most`.
+    nothing is left, or at `most` poses.
     """
     steps = library.steps
-    costs = np.array([cost_of(step, options.cost) for step in steps])
+    costs = np.array([cost_of(step, cost) for step in steps])
     moves = np.array([step.displacement for step in steps])
     bound = _bound(task, library, capture, costs, moves)
     unit = _APART * float(costs[costs > 0].min(initial=1.0))
@@ -90,9 +72,9 @@ def routes(
     nodes: list[_Node] = []
     queue: list[tuple[float, int, _Node]] = [(float(bound(root.pose[None])[0]), 0, root)]
     seen: set[tuple[int, ...]] = set()
-    while queue and looked.poses < options.most:
+    while queue and looked.poses < most:
         _, _, node = heapq.heappop(queue)
-        key = _key(task, node, options.cell)
+        key = _key(task, node, cell)
         if key is not None and key in seen:
             looked.pruned += 1
             continue
@@ -103,7 +85,7 @@ def routes(
                 continue
         if key is not None:
             seen.add(key)
-        passed = _passed(task, node)
+        passed = _passed(task, node.passed, node.pose)
         node = _Node(node.pose, node.cost, node.before, node.step, passed)
         nodes.append(node)
         looked.poses += 1
@@ -139,10 +121,9 @@ class _Node:
     passed: int  # number of via points passed
 
 
-def _passed(task: PathTask, node: _Node) -> int:
-    """Return the number of via points that a pose has passed."""
-    k = node.passed
-    while k < len(task.via) and np.hypot(*(node.pose[:2] - task.via[k])) <= task.via_radius:
+def _passed(task: PathTask, k: int, pose: np.ndarray) -> int:
+    """Return the number of via points passed at a pose, k of them before it."""
+    while k < len(task.via) and np.hypot(*(pose[:2] - task.via[k])) <= task.via_radius:
         k += 1
     return k
 
@@ -459,16 +440,17 @@ def plan_path(
     """
     if fault := rest_fault(task, library):
         raise SolveError(fault, "move the pose or the obstacle", code="touching")
-    options, looked, capture = SearchOptions(cost, cell, most), Looked(), Tolerance.of(capture)
+    looked, capture = Looked(), Tolerance.of(capture)
     if (least := least_steps(task, library, capture)) > most:
         raise SolveError(
             f"the goal is {least:.3g} or more steps away, but the search has {most} poses at most",
             "give a nearer goal, larger steps or more poses",
             code="too_far",
         )
-    fits = [Fitted(family, options.cost) for family in library.families]
+    fits = [Fitted(family, cost) for family in library.families]
     tried, short = 0, set()
-    for route in routes(task, library, capture, options, looked, report):
+    found = routes(task, library, capture, looked, cost=cost, cell=cell, most=most, report=report)
+    for route in found:
         if not route.steps and task.tolerance.met(task.off(task.start)):
             return _planned(task, library, [], np.inf, route, looked, tried)
         gaits = tuple(library.owners[k] for k in route.steps)
@@ -477,14 +459,14 @@ def plan_path(
         tried += 1
         if report is not None:
             report(f"{looked.poses} poses, route {tried} near the goal: amplitudes", None)
-        found = _fitting(task, library, fits, route, accuracy)
-        if found is None:
+        fitting = _fitting(task, library, fits, route, accuracy)
+        if fitting is None:
             short.add(gaits)  # no amplitudes of these gaits reach the goal, wherever they begin
-        elif found:
-            return _planned(task, library, *found[0], route, looked, tried)
+        elif fitting:
+            return _planned(task, library, *fitting[0], route, looked, tried)
         if tried >= _ROUTES:
             break
-    raise _none(looked, tried, options)
+    raise _none(looked, tried, cell)
 
 
 def _planned(
@@ -509,7 +491,7 @@ def _fitting(
             return None
         poses = chained(task.start, steps)
         room = _room(task, library, steps, poses)
-        if room >= 0 and _comes_by(task, poses):
+        if room >= 0 and reduce(partial(_passed, task), poses, 0) == len(task.via):
             return [(steps, room)]
     return []
 
@@ -523,16 +505,7 @@ def _room(task: PathTask, library: Library, steps: list[GaitStep], poses: np.nda
     return min(rooms, default=np.inf)
 
 
-def _comes_by(task: PathTask, poses: np.ndarray) -> bool:
-    """Return whether poses pass all via points in order."""
-    k = 0
-    for pose in poses:
-        while k < len(task.via) and np.hypot(*(pose[:2] - task.via[k])) <= task.via_radius:
-            k += 1
-    return k == len(task.via)
-
-
-def _none(looked: Looked, tried: int, options: SearchOptions) -> SolveError:
+def _none(looked: Looked, tried: int, cell: tuple[float, float]) -> SolveError:
     if tried:
         why = f"{tried} routes end near the goal, but no amplitudes meet it without contact"
         mend = "give more amplitudes, smaller ones too, or a wider capture"
@@ -545,6 +518,6 @@ def _none(looked: Looked, tried: int, options: SearchOptions) -> SolveError:
             f"{looked.nearest:.3g} away"
         )
         mend = "give more poses, larger cells, a wider capture, or larger steps"
-    if looked.exhausted and options.cell[0] > 0:
+    if looked.exhausted and cell[0] > 0:
         mend += "; or smaller cells"
     return SolveError(why, mend, code="no_path")

@@ -20,12 +20,12 @@ from wormopt.systems.planar.kinematic import (
     KinematicMotion,
     Phase,
     kinematic_motion,
-    kinematics_at,
     loads,
 )
 from wormopt.systems.planar.poses import Travel, compose, divided, rotate
-from wormopt.systems.planar.shape import Polygon, Shape, Stroke
+from wormopt.systems.planar.shape import Polygon, Shape, Stroke, kinematics_at
 
+_LOOKS = 8  # least number of instants of a panel
 _LONGEST = 1 / 24  # share of a stroke: crawls have long panels, which get as many samples
 
 
@@ -104,14 +104,12 @@ def swept(
     course: Travel,
     stroke: Stroke,
     shape: Shape,
-    *,
     work: float,
-    rates: Sequence[float] | float = 1.0,
-    looks: int = 8,
-    motion: Any = None,
+    rates: Sequence[float] | float,
+    motion: KinematicMotion | Crawl,
 ) -> GaitStep:
     """Return a step from poses, at the highest speed that the largest rates allow."""
-    tau, poses, way = _sampled(course, stroke, shape, looks)
+    tau, poses, way = _sampled(course, stroke, shape)
     body = kinematics_at(shape, stroke.at(tau)[0]).points
     points = poses[:, None, :2] + rotate(poses[:, None, 2], body)
     most = np.broadcast_to(np.asarray(rates, dtype=float), (stroke.n_s,))
@@ -122,12 +120,12 @@ def swept(
 
 
 def _sampled(
-    course: Travel, stroke: Stroke, shape: Shape, looks: int
+    course: Travel, stroke: Stroke, shape: Shape
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return phases and poses at ends of panels and nodes, and bounds of displacements between."""
     panels = len(course.ends) - 1
     nodes = course.nodes.reshape(panels, -1)
-    pick = slice(None, None, max(1, nodes.shape[1] // looks))
+    pick = slice(None, None, max(1, nodes.shape[1] // _LOOKS))
     fastest = course.fastest(_velocities(course, stroke, shape))
     tau = np.column_stack([course.ends[:-1], nodes[:, pick]])
     poses = np.concatenate(
@@ -144,41 +142,6 @@ def _velocities(course: Travel, stroke: Stroke, shape: Shape) -> np.ndarray:
     at = kinematics_at(shape, s)
     v = np.einsum("mrj,mj->mr", at.J, course.twists) + np.einsum("mrs,ms->mr", at.B, ds)
     return rotate(at.headings, v.reshape(len(s), -1, 2))
-
-
-def kinematic_step(
-    name: str,
-    motion: KinematicMotion,
-    *,
-    amplitude: float = 1.0,
-    ground: Ground = None,
-    rates: Sequence[float] | float = 1.0,
-) -> GaitStep:
-    """Return a step of a motion that pins and skids determine.
-
-    The `ground` resists sliding, for the work; the largest `rates` of the shape variables determine
-    the duration.
-    """
-    course, found = motion.course, loads(motion, ground)
-    return swept(
-        name, amplitude, course, motion.stroke, motion.shape,
-        work=float(found.power @ course.weights), rates=rates, motion=motion,
-    )  # fmt: skip
-
-
-def crawl_step(
-    name: str,
-    found: Crawl,
-    *,
-    amplitude: float = 1.0,
-    rates: Sequence[float] | float = 1.0,
-) -> GaitStep:
-    """Return a step of a slow crawl, with the ground's work and the time by largest rates."""
-    return swept(
-        name, amplitude, divided(found.travel, _LONGEST), found.course.stroke,
-        found.course.crawler.shape,
-        work=found.work, rates=rates, motion=found,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,9 +310,12 @@ def gait_family(
     def make(amplitude: float) -> GaitStep:
         if held is not None:
             motion = kinematic_motion(shape, stroke(amplitude), held)
-            return kinematic_step(name, motion, amplitude=amplitude, ground=ground, rates=rates)
-        found = crawl(shape, cast("PlanarLaw", ground), stroke(amplitude))
-        return crawl_step(name, found, amplitude=amplitude, rates=rates)
+            course = motion.course
+            work = float(loads(motion, ground).power @ course.weights)
+        else:
+            motion = crawl(shape, cast("PlanarLaw", ground), stroke(amplitude))
+            course, work = divided(motion.travel, _LONGEST), motion.work
+        return swept(name, amplitude, course, stroke(amplitude), shape, work, rates, motion)
 
     if held is not None:
         return Family(name, make, tuple(amplitudes))

@@ -241,22 +241,12 @@ _MOST_LOOPS, _REPEATED, _TRIES = 8, 1e-2, 3
 
 @dataclass(frozen=True, eq=False)
 class StrokeAim:
-    """A body on viscous ground, and the objective of its stroke.
-
-    Parameters
-    ----------
-    swimmer : Swimmer
-        The body.
-    lower, upper : ndarray, shape (n_s,)
-        Limits of the shape variables.
-    maximise : {"efficiency", "distance"}, optional
-        Objective, for strokes without net turn: towing work over work, or the distance.
-    """
+    """A body on viscous ground, limits of its shape, and the objective of its stroke."""
 
     swimmer: Swimmer
-    lower: np.ndarray
+    lower: np.ndarray  # (n_s,)
     upper: np.ndarray
-    maximise: Aim = "efficiency"
+    maximise: Aim
 
     def __post_init__(self) -> None:
         n_s = self.swimmer.shape.s.numel()

@@ -78,23 +78,9 @@ class Swimmer:
     @cached_property
     def power(self) -> ca.SX:
         """Power dissipated by the ground, by the shape, its rates and the twist."""
-        velocities = [self._velocity(i) for i in range(self.shape.n_points)]
-        along, across = self.masses
-        own = ca.SX(0) + sum(
-            _square(-a, v, along, across) for a, v in zip(self._looks, velocities, strict=True)
-        )
+        own = ca.sum2(ca.DM(self.masses).T @ self.shape.velocities**2)
+        velocities = [self.shape.velocity(i) for i in range(self.shape.n_points)]
         return own + sum(self._rod(j, velocities) for j in range(1, self.shape.n_points))
-
-    @property
-    def _looks(self) -> list[ca.SX]:
-        return [self.shape.headings[i] for i in range(self.shape.n_points)]
-
-    def _velocity(self, i: int) -> ca.SX:
-        """Return the velocity of a point along the axes of the body's frame."""
-        shape, place = self.shape, self.shape.points[:, i]
-        turn = ca.vertcat(-place[1], place[0])
-        swing = ca.jtimes(place, shape.s, shape.rates)
-        return shape.twist[:2] + shape.twist[2] * turn + swing
 
     def _rod(self, j: int, velocities: list[ca.SX]) -> ca.SX:
         along, across = self.rods
@@ -208,21 +194,10 @@ class Swimmer:
         return max(1.0, max((t / n if n > 0 else np.inf) for t, n in pairs))
 
 
-def _square(angle: ca.SX, velocity: ca.SX, along: float, across: float) -> ca.SX:
-    v = turned(angle, velocity)
-    return along * v[0] ** 2 + across * v[1] ** 2
-
-
 def _inverse(m: ca.SX) -> ca.SX:
     """Return the inverse of a symmetric matrix (3, 3), by cofactors."""
-
-    def minor(i: int, j: int) -> ca.SX:
-        a, b = [k for k in range(3) if k != i]
-        c, d = [k for k in range(3) if k != j]
-        return (-1) ** (i + j) * (m[a, c] * m[b, d] - m[a, d] * m[b, c])
-
-    cofactors = ca.vertcat(*(ca.horzcat(*(minor(i, j) for j in range(3))) for i in range(3)))
-    return cofactors.T / ca.dot(m[0, :], cofactors[0, :])
+    adjoint = ca.adj(m)
+    return adjoint / (m[0, :] @ adjoint[:, 0])
 
 
 # Initial panels of the quadrature, its target, and its required accuracy.

@@ -54,16 +54,14 @@ class Trial:
 
 
 class Trier:
-    """Tries orders of rest of one task, with `arcs` arcs per phase at level 0.
+    """Tries orders of rest of one task.
 
     Climbs stop at the time `until` (monotonic clock) or after `work` each: pivots times (rows +
     columns).
     """
 
-    def __init__(
-        self, task: GaitProblem, arcs: int = 4, until: float = np.inf, work: float = np.inf
-    ) -> None:
-        self.task, self._arcs, self._until, self._most = task, arcs, until, work
+    def __init__(self, task: GaitProblem, until: float = np.inf, work: float = np.inf) -> None:
+        self.task, self._until, self._most = task, until, work
         self.programs = self.work = 0  # linear programs of all climbs; pivots × (rows + columns)
         self.shortest, self.longest = task.limits.period_range
 
@@ -77,6 +75,12 @@ class Trier:
         rates = np.min(self.task.limits.rate_bounds(links), axis=0)
         strokes = np.ptp(self.task.limits.length_ranges(links), axis=1)
         return float(np.median(strokes / rates)) / 2
+
+    def _arcs(self, sequence: Sequence_) -> int:
+        """Arcs per phase of a first trial; few say too little about speeds and smooth costs."""
+        if self.task.objective.minimise is None or has_cost_columns(self.task):
+            return _MOST_ARCS
+        return max(_FEWEST_ARCS, min(_MOST_ARCS, _ARCS // len(sequence)))
 
     def program(
         self, sequence: Sequence_, period: tuple[float, float], arcs: Any, degree: int = 1
@@ -211,7 +215,7 @@ class Trier:
     ) -> Trial | None:
         required = self.task.objective.speed
         if required is None:
-            program = self.program(sequence, period, self._arcs)
+            program = self.program(sequence, period, self._arcs(sequence))
             begin = program.start(durations, random)
         else:
             fast = self._fast_enough(required, sequence, period, durations, random, patient=patient)
@@ -237,8 +241,8 @@ class Trier:
         patient: bool,
     ) -> Trial | None:
         """Climb to the required speed; few arcs may just miss it where more reach it."""
-        fastest = Trier(GaitProblem(self.task.worm, self.task.limits), self._arcs, self._until)
-        program = fastest.program(sequence, period, self._arcs)
+        fastest = Trier(GaitProblem(self.task.worm, self.task.limits), self._until)
+        program = fastest.program(sequence, period, self._arcs(sequence))
         start = program.start(durations, random)
         if start is None:
             return None
@@ -335,6 +339,8 @@ class Trier:
         return better if better.value >= trial.value else replace(trial, level=level)
 
 
+# Arcs per phase of a first trial, and of all its phases together where these are many.
+_FEWEST_ARCS, _MOST_ARCS, _ARCS = 2, 4, 16
 # Programs of travelling waves with more unknowns are reduced to one phase.
 _LARGE = 1800
 _UP = 1 + 1e-9
