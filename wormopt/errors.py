@@ -234,11 +234,9 @@ def interruptible() -> Iterator[None]:
 
 
 def _is_swallowed(frame: FrameType | None) -> bool:
-    """Whether an error raised now may be lost.
-
-    Imports of compiled modules lose it, and so does CasADi while it checks arguments in Python,
-    but not during computations, which may take long.
-    """
+    """Whether an error raised now may be lost."""
+    # Imports of compiled modules lose it, and so does CasADi while it checks arguments in Python,
+    # but not during computations, which may take long.
     if frame and all(_is_casadi(f) for f in (frame, frame.f_back) if f):
         return frame.f_code.co_name != "call"
     while frame and frame.f_code.co_filename != "<frozen importlib._bootstrap>":

@@ -18,10 +18,8 @@ _SHOWS = {"study", "families", "scenes", "pictures", "quantities", "result", "sa
 
 @cache
 def code_key(module: str) -> str:
-    """Hash of the code of a module and of all its imports.
-
-    Comments, docstrings and modules that are not imported have no effect.
-    """
+    """Hash of the code of a module and of all its imports."""
+    # Comments, docstrings and modules that are not imported have no effect.
     key = hashlib.sha256(f"{_FORM}".encode())
     for _, tree in sorted(_imported(module, _files(_ROOT)).items()):
         key.update(_text_of(tree).encode())

@@ -71,10 +71,8 @@ def names_of(
 
 
 def grouped_names(file: str) -> str:
-    """Text that lists the public names of a package in the groups of its stub.
-
-    A line ``# Group: title`` in the stub heads the names below it.
-    """
+    """Text that lists the public names of a package in the groups of its stub."""
+    # A line ``# Group: title`` in the stub heads the names below it.
     _, *groups = re.split(r"^# Group: ", _stub(file), flags=re.MULTILINE)
     parts = []
     for group in groups:

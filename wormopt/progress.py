@@ -23,11 +23,9 @@ def silent(text: str, fraction: float | None = None) -> None:
 
 @contextmanager
 def shown_on_stderr(quiet: bool = False) -> Iterator[Report]:
-    """Yield a `Report` that shows progress on stderr during the context.
-
-    A bar on a terminal; elsewhere a line now and then, the first after ten seconds, without
-    loading the drawing library.
-    """
+    """Yield a `Report` that shows progress on stderr during the context."""
+    # A bar on a terminal; elsewhere a line now and then, the first after ten seconds, without
+    # loading the drawing library.
     if quiet or not sys.stderr.isatty():
         yield silent if quiet else _lines()
         return

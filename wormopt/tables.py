@@ -75,32 +75,15 @@ Row = tuple[int, list[str]]
 
 @dataclass(frozen=True)
 class TextTable:
-    """Columns of numbers by name, NaN for gaps, as a file has them.
+    """Columns of numbers by name, NaN for gaps, as a file has them."""
 
-    Attributes
-    ----------
-    values : dict of str to sequence of float
-        Columns, in the order of the file.
-    units : dict of str to str
-        Units of the columns that have one.
-    texts : frozenset of str
-        Columns without a number; all their values are NaN.
-    remarks : tuple of str
-        Lines that begin with # or %, without it.
-    head : int
-        Number of the line of names, 0 if there is none.
-    lines : tuple of int
-        Number of the line of each row.
-    wrapped : dict of str to int
-        Columns whose negative numbers the file has as unsigned ones, and the bits of these.
-    """
-
-    values: dict[str, Sequence[float]]
-    units: dict[str, str]
-    texts: frozenset[str]
-    remarks: tuple[str, ...]
-    head: int
-    lines: tuple[int, ...]
+    values: dict[str, Sequence[float]]  # columns, in the order of the file
+    units: dict[str, str]  # units of the columns that have one
+    texts: frozenset[str]  # columns without a number; all their values are NaN
+    remarks: tuple[str, ...]  # lines that begin with # or %, without it
+    head: int  # number of the line of names, 0 if there is none
+    lines: tuple[int, ...]  # number of the line of each row
+    # columns whose negative numbers the file has as unsigned ones, and the bits of these
     wrapped: dict[str, int]
 
 
@@ -311,11 +294,9 @@ def _filled(row: list[str]) -> int:
 def _names_and_units(
     head: Row | None, remarks: list[tuple[int, str]], rows: list[Row], time: str
 ) -> tuple[Row | None, list[str]]:
-    """Names of the columns, and cells of a line that contains only their units, [] without one.
-
-    `head` is the line of words above the numbers. A remark may contain the names, as written by
-    NumPy, if `head` is only a title or units; or the units of the names in `head`.
-    """
+    """Names of the columns, and cells of a line that contains only their units, [] without one."""
+    # `head` is the line of words above the numbers. A remark may contain the names, as written by
+    # NumPy, if `head` is only a title or units; or the units of the names in `head`.
     found = [] if not rows else _remarks_of_cells(remarks, rows[0])
     names = [row for row in found if not _all_units(row[1]) and (not time or _has(row[1], time))]
     head = head or next(iter(names), None)

@@ -63,8 +63,6 @@ def in_the_plane() -> Model:
     return Model("a block", [Signal("v", v)], f, t=t, contacts=grounds)
 
 
-MODEL_OF_A_STATE, SYMBOL = block(), ca.SX.sym("T")
-
 PERIODIC, NO_PERIOD = "does not repeat after the period", "period must be a positive number"
 PUSH = "push does not repeat with the period"
 

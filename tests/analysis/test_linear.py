@@ -152,15 +152,6 @@ def test_what_cannot_be_linearised_is_refused():
 # -- high-frequency gain and relative degree -----------------------------------------------------
 
 
-@pytest.mark.parametrize("law", [None, DRY])
-@pytest.mark.parametrize("mass", [1.0, 0.25])
-def test_high_frequency_gain_of_three_masses(law: Law | None, mass: float):
-    """docs/theory-dynamics.md."""
-    linear = linearise(worm(2, law, mass=mass, drag=0.3), output="length")
-    assert linear.relative_degree == (2, 2)
-    assert np.allclose(linear.high_frequency_gain, np.array([[2, -1], [-1, 2]]) / mass, rtol=1e-14)
-
-
 @patient
 @given(seed=seeds)
 def test_high_frequency_gain_of_any_chain(seed: int):
@@ -299,14 +290,6 @@ def test_poles_of_two_masses_by_hand():
     assert linear.poles[-1] == 0
 
 
-def test_poles_of_three_masses_by_hand():
-    """Without drag the modes of the lengths have the factors 1 and 3; the masses move freely."""
-    linear = linearise(worm(2, damping=0.5), output="length")
-    modes: Any = np.concatenate([np.roots([1, factor * 0.5, factor * 10]) for factor in (1, 3)])
-    assert np.allclose(linear.poles[-2:], 0, atol=1e-13)
-    assert np.allclose(np.sort_complex(linear.poles[:4]), np.sort_complex(modes), rtol=1e-12)
-
-
 PHASES: dict[str, tuple[Model, dict[str, Any], str]] = {
     "drag": (worm(drag=0.2), {}, "minimum phase"),
     "little drag on one mass": (worm(drag=[0, 0, 1e-9]), {}, "minimum phase"),
@@ -438,14 +421,6 @@ def test_response_is_that_of_the_impedances(seed: int):
     response = linearise(model, output="length").frequency_response(omega)
     by_hand = np.stack([by_impedances(numbers, 1j * w) for w in omega], axis=-1)
     assert np.allclose(response, by_hand, rtol=1e-9, atol=1e-9 * np.abs(by_hand).max())
-
-
-def test_response_of_two_masses_by_hand():
-    """(1/m0 + 1/m1) / (s^2 + (1/m0 + 1/m1)(d s + c)) without drag."""
-    linear = linearise(worm(1, mass=[1.0, 3.0]), output="length")
-    s, both = 1j * np.array([0.3, 3.0, 30.0]), 4 / 3
-    by_hand = both / (s**2 + both * (5 * s + 10))
-    assert linear.frequency_response([0.3, 3.0, 30.0])[0, 0] == pytest.approx(by_hand, rel=1e-12)
 
 
 def test_a_frequency_that_is_a_pole_is_refused():
@@ -605,15 +580,6 @@ def test_control_simulates_a_closed_loop_alike(control: Any):
     loop = closed_loop()
     ours = simulate(loop, 0.3, contact=Smooth()).end
     assert run_by_control(control, loop, 0.3) == pytest.approx(ours, abs=1e-8)
-
-
-@pytest.mark.slow
-def test_control_reproduces_the_benchmark(control: Any):
-    """TRACK14 of docs/verification.md at t = 10."""
-    end = run_by_control(control, closed_loop(), 10.0)
-    x, v = end[:3], end[3:6]
-    assert x == pytest.approx([13.7293026425339, 12.5129899383629, 11.2234323017047], abs=1e-7)
-    assert v == pytest.approx([1.5442046082437, 1.2147444914821, 0.6496895012235], abs=1e-7)
 
 
 def test_switches_have_no_place_in_control(control: Any):

@@ -168,19 +168,6 @@ def test_members_of_an_ensemble_share_their_expressions():
 # -- funnel control ------------------------------------------------------------------------------
 
 
-def test_the_funnel_controller_keeps_both_errors_in_their_funnels():
-    plant = worm(position=(4.3, 2.0, 0.0))
-    outer, inner = Funnel(0.8, 0.1, time=0.5), Funnel(3.0, 1.5, time=0.5)
-    reference = gait_reference(fast_gait(1.0), plant.t)
-    loop = funnel_tracker(plant, reference, funnel=outer, rate_funnel=inner, gain=4.0)
-    run = Run(loop, 3.0, rtol=1e-10)
-    assert np.all(run["error_norm"] < run["funnel"])
-    assert np.all(run["rate_error_norm"] < run["rate_funnel"])
-    width = 0.1 + 0.7 * np.exp(-np.array(run.times) / 0.5)
-    assert run["funnel"][:, 0] == pytest.approx(width)
-    assert run["error_norm"][-1] < 0.1
-
-
 @pytest.mark.parametrize("law", ["recursive", "two gains"])
 @settings(max_examples=examples(20))
 @given(seed=st.integers(0, 10**6))

@@ -46,8 +46,21 @@ def linear(plant: Model) -> tuple[Model, float, float]:
     return loop, own["error_gain"], own["rate_gain"]
 
 
-def test_sensors_that_show_everything_as_it_is_change_nothing():
-    plant = worm()
+def motor() -> Model:
+    """Speed and its rate are not states: they depend on the inertia, which is drawn, and a wind."""
+    angle, speed, current, voltage, inertia = (ca.SX.sym(name) for name in "ascvj")
+    return Model(
+        "motor",
+        x=[Signal("angle", angle), Signal("speed", speed), Signal("current", current)],
+        ode=ca.vertcat(speed, (current - 0.1 * speed - 0.3) / inertia, voltage - current - speed),
+        u=[Signal("input", voltage)],
+        p=[Signal("inertia", inertia, value=0.2)],
+        outputs=[Output("length", speed - 0.5)],
+    )
+
+
+@pytest.mark.parametrize("plant", [worm(), motor()], ids=lambda plant: plant.name)
+def test_sensors_that_show_everything_as_it_is_change_nothing(plant: Model):
     ref = gait_reference(STILL, plant.t)
     loop = lambda_tracker(plant, ref, tube_radius=0.1, feedback="filter", watch=True)
     seen = through_hardware(plant, loop)

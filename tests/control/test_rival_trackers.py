@@ -76,6 +76,8 @@ def test_every_gain_of_switching_is_twice_the_one_before_if_nothing_else_is_said
     assert values["gain_factor"] == 2.0
     assert values["gain"] == 1.0
     assert values["trial_end"] == pytest.approx(3.0 * (1 - np.sqrt(0.5)), rel=1e-14)
+    with pytest.raises(ArgumentError, match="factor must be finite and above 1"):
+        switching_tracker(plant, STILL, **SWITCHING, factor=1.0)
     (factor,) = (signal for signal in loop.p if signal.name == "gain_factor")
     factor.check(np.array([1.0]))
     with pytest.raises(ArgumentError, match="gain_factor"):
@@ -238,14 +240,6 @@ def test_an_error_that_starts_at_the_edge_of_its_funnel_is_refused():
     assert [signal.value for signal in loop.p if signal.name == "gain"] == [1.0]  # as none is said
 
 
-def test_the_sum_of_both_errors_counts_at_the_start():
-    """Links at rest, 0.5 and 0 off in a funnel of 2: k_0 = 1/(1 - 1/16), and k_0 e is 8/15."""
-    plant, funnel = worm(position=(4.5, 2.0, 0.0)), Funnel(2.0, 2.0, 1.0)
-    with pytest.raises(ArgumentError, match=r"e' \+ k_0 e starts at 0\.533333, outside"):
-        funnel_tracker(plant, STILL, funnel=funnel, rate_funnel=Funnel(0.53, 0.5, 1.0))
-    assert funnel_tracker(plant, STILL, funnel=funnel, rate_funnel=Funnel(0.54, 0.5, 1.0))
-
-
 def test_no_more_room_than_needed_is_too_little():
     """The funnel narrows by 1 at first; links that part by 0.5 touch a rate funnel of 0.5."""
     with pytest.raises(ArgumentError, match="narrows at the rate 1, but the rate funnel"):
@@ -281,24 +275,6 @@ STILL = Reference(ca.SX([2.0, 2.0]), ca.SX(2, 1), ca.SX(2, 1))
 SWITCHING: dict[str, Any] = {"tube_radius": 0.2, "settling": 1.0, "overshoot": 0.1}
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"settling": 0.0}, "settling must be finite and above 0"),
-        ({"overshoot": -1.0}, "overshoot must be finite and above 0"),
-        ({"factor": 1.0}, "factor must be finite and above 1"),
-        ({"gain_start": float("nan")}, "gain_start must be finite"),
-        ({"gain_start": 0.0}, "gain_start must be finite and above 0"),
-        ({"tube_radius": "wide"}, "tube_radius must be finite"),
-        ({"tube_radius": 0.0}, "tube_radius must be finite and above 0"),
-        ({"filter_start": [1.0, 2.0, 3.0]}, "filter_start must be one number or 2"),
-    ],
-)
-def test_switching_that_makes_no_sense_is_refused(change: dict[str, Any], message: str):
-    with pytest.raises(ArgumentError, match=message):
-        switching_tracker(worm(), STILL, **(SWITCHING | change))
-
-
 def test_switching_needs_a_start_and_a_funnel_does_not():
     plant = worm()
     unknown = replace(plant, x=[replace(signal, value=None) for signal in plant.x])
@@ -315,19 +291,12 @@ def test_plant_and_reference_come_first_and_all_else_by_name(make: Callable[...,
     assert {other.kind for other in others} == {inspect.Parameter.KEYWORD_ONLY}
 
 
-def test_more_that_makes_no_sense_is_refused():
-    with pytest.raises(ArgumentError, match="must be one of 'derivative', 'filter', 'differ"):
-        lambda_tracker(worm(), STILL, tube_radius=0.2, feedback="magic")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(ArgumentError, match="lag must be finite and above 0"):
-        lambda_tracker(worm(), STILL, tube_radius=0.2, feedback="difference", lag=0.0)
+def test_a_filter_starts_at_one_number_or_one_for_each_link():
     with pytest.raises(ArgumentError, match="filter_start must be one number or 2"):
         lambda_tracker(worm(), STILL, tube_radius=0.2, feedback="filter", filter_start=[1, 2, 3])
-    wide = Funnel(9.0, 1.0, 1.0)
-    with pytest.raises(ArgumentError, match="law must be one of 'recursive', 'two gains'"):
-        funnel_tracker(worm(), STILL, funnel=wide, rate_funnel=wide, law="both")  # pyright: ignore[reportArgumentType]
 
 
-WRONG = [float("nan"), float("inf"), -1.0, "a", 1j, [1.0, 2.0, 3.0], True, 10**400]
+WRONG = [float("nan"), float("inf"), -1.0, 0.0, "a", 1j, [1.0, 2.0, 3.0], True, 10**400]
 
 
 @pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: repr(wrong)[:9])
@@ -346,6 +315,8 @@ def test_what_is_no_number_model_or_name_is_refused(wrong: Any):
     ]  # fmt: skip
     for make, usual, keys in trials:
         for key in keys:
+            if key == "before" and wrong == 0.0:
+                continue  # a past of 0
             first: Any = () if make is wo.Delay else (plant, STILL)
             with pytest.raises(ArgumentError):
                 make(*first, **(usual | {key: wrong}))

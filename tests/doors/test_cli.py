@@ -495,15 +495,6 @@ def test_a_scene_of_ones_own(tmp_path: Path, capsys: Capture):
     assert (loaded.scene, loaded.title) == ("mein λ", "Größe λ — 1")
 
 
-def test_list_names_scenes_and_kinds(capsys: Capture):
-    assert main(["list"]) == 0
-    out, _ = capsys.readouterr()
-    assert "design_fast_gait" in out
-    assert "Fast gait (15) of a three-mass worm" in out
-    for kind in KINDS:
-        assert kind in out
-
-
 def test_check_looks_at_every_scene(capsys: Capture):
     assert main(["check", "no_such", "fast_gait"]) == 2
     out, err = capsys.readouterr()
@@ -511,14 +502,6 @@ def test_check_looks_at_every_scene(capsys: Capture):
     assert err.startswith("no_such: ")
     assert main(["check", "fast_gait", "--set", "worm.load=-1"]) == 2
     assert "worm.load" in capsys.readouterr().err
-
-
-def test_progress_is_drawn_on_a_terminal(capsys: Capture, monkeypatch: Patch):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    assert main(["run", "fast_gait", "--json"]) == 0
-    json.loads(capsys.readouterr().out)
-    assert main(["run", "fast_gait", "--json", "--quiet"]) == 0
-    assert capsys.readouterr().err == ""
 
 
 def test_long_runs_say_a_line_now_and_then_without_a_terminal(

@@ -9,12 +9,12 @@ import sys
 import time
 from pathlib import Path
 
-import fuzz
 import numpy as np
 import pytest
 from effort import examples
 
 import wormopt as wo
+from tests.stress import fuzz
 from wormopt.cli import main
 from wormopt.errors import SceneError
 from wormopt.numerics.workers import Engine, using

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from slides import LINE, slide
 
 import wormopt as wo
 from wormopt.families.gathered import dataframe as dataframe_of_sweep
@@ -16,7 +17,6 @@ from wormopt.labelled import apart
 from wormopt.model.gait import Gait
 from wormopt.quantities import Variable
 from wormopt.result import Result
-from wormopt.systems.block.block import block
 
 # One link that extends and contracts at rate 1: the rate jumps at 0.4 and at the period's end.
 CORNERED = Gait(np.array([0.0, 0.4, 0.8]), np.array([[[1.0, 1.0]], [[1.4, -1.0]]]))
@@ -160,15 +160,9 @@ def test_a_trajectory_as_dataset_and_frame():
 
 
 def test_an_optimal_motion_as_dataset_and_frame():
-    """Slide: F+ = 1, F- = 2, |u| <= 3; thrust until 2 T/3, then brake."""
-    model = block(wo.Coulomb(1.0, 2.0), force=3.0)
-    ends = wo.Ends.of(model)
-    rest = [wo.Constraint("start", ends.start, [0, 0], [0, 0])]
-    rest += [wo.Constraint("end", ends.end, [1, 0], [1, 0])]
-    problem = wo.Problem(model, ends, ends.duration, (0.01, 10.0), boundary_constraints=rest)
-    guess = wo.Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.6]))
+    """Thrust until 2 T/3, then brake."""
     relaxed = wo.Complementarity(residual=1e-3, first=1e-1)
-    coarse = wo.optimise(problem, wo.Mesh.even(1, 20, wo.Collocation(2)), relaxed, guess)
+    coarse = wo.optimise(slide(), wo.Mesh.even(1, 20, wo.Collocation(2)), relaxed, LINE)
     found = wo.optimise_switching_times(coarse)
     data, frame = found.motion.to_xarray(), found.motion.to_dataframe()
     assert data.indexes["time"].is_unique

@@ -183,12 +183,6 @@ def test_texts_and_lists_can_be_varied():
     assert found["speed"].values.ravel() == pytest.approx(1.2, rel=1e-12)
 
 
-def test_values_with_units_are_coordinates_in_si():
-    lengths = {"gait.period": ["1000 ms", "2 s"]}
-    found = small(lengths, overrides='units="SI"')
-    assert (found["gait_period"].values.tolist(), found["gait_period"].unit) == ([1.0, 2.0], "s")
-
-
 def test_the_dataset_opens_in_xarray(tmp_path: Path):
     import xarray
 

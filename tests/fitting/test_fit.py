@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import wormopt as wo
-from tests.oracles import by_recordings as by_scipy
 from wormopt.fitting.information import (
     correlation_of,
     covariance_of,
@@ -350,61 +349,6 @@ def test_the_best_so_far_is_kept_when_interrupted(monkeypatch: pytest.MonkeyPatc
 
 
 # -- motions of scipy ----------------------------------------------------------------------------
-
-
-def scipy_chain(seed: int, end: float, noise: float) -> tuple[wo.FitTask, np.ndarray, np.ndarray]:
-    """Task of eight numbers of a chain that scipy moved; the truth, and a wrong start."""
-    rng = np.random.default_rng(seed)
-    true = np.array(
-        [*rng.uniform(15, 40, 2), *rng.uniform(1, 4, 2), *rng.uniform(1.3, 1.7, 2), 0, 0]
-    )
-    true[6:] = rng.uniform(0.4, 1.2), rng.uniform(2.0, 6.0)
-    course = by_scipy.square(1.3, [-9.0, -8.0], [9.0, 8.0], [0.0, 0.27])
-    body = by_scipy.chain(
-        [1.0, 0.8, 1.1], true[:2], true[2:4], true[4:6],
-        [by_scipy.Ground(true[6], true[7])] * 3, course,
-    )  # fmt: skip
-    place = np.array([3.0, 1.5, 0.0])
-    time = np.linspace(0.0, end, round(100 * end) + 1)
-    seen = by_scipy.follow(body, time, place, np.zeros(3), exact=1e-10)
-    heard = by_scipy.disturb(seen, {"position": noise}, seed)
-    worm = wo.chain(
-        2, mass=[1.0, 0.8, 1.1], stiffness=20.0, damping=2.0, rest_length=1.5,
-        law=wo.Coulomb(1.0, 3.0), position=place,
-    )  # fmt: skip
-    model = wo.drive(worm, wo.Gait(course.breaks, course.coefficients), periodic=True)
-    x0 = {"velocity": np.zeros(3)} | {"position": place}
-    run = wo.Recording(time, {"position": heard.values["position"]}, x0=x0)
-    wrong = true * np.exp(rng.uniform(-np.log(3), np.log(3), 8))
-    names = [f"{name}[{j}]" for name in ("stiffness", "damping", "rest_length") for j in (0, 1)]
-    names += ["friction_forward", "friction_backward"]
-    sought = [wo.Unknown(n, n, start=w, log=True) for n, w in zip(names, wrong, strict=True)]
-    return wo.FitTask(model, [run], sought), true, wrong
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
-def test_eight_numbers_of_a_chain_come_back_from_scipys_motion(seed: int):
-    task, true, _ = scipy_chain(seed, 10.0, 0.01)
-    found = wo.fit(task)
-    assert found.converged, found.reason
-    score = (found.theta - np.log(true)) / np.sqrt(np.diag(found.covariance))
-    # 8 normal scores, correlated or not: chi-square of the whole, one in 10,000
-    whole = (found.theta - np.log(true)) @ np.linalg.solve(
-        found.covariance, found.theta - np.log(true)
-    )
-    assert whole < 33.0
-    assert np.abs(score).max() < 4.5
-    assert found.noise["position"] == pytest.approx(0.01, rel=0.05)
-
-
-@pytest.mark.slow
-def test_without_noise_numbers_are_exact():
-    task, true, _ = scipy_chain(5, 4.0, 1e-8)
-    found = wo.fit(task)
-    assert found.converged
-    assert all(end.agrees for end in found.starts)
-    assert found.values == pytest.approx(true, rel=1e-6)
 
 
 def test_ground_that_holds_whatever_the_number_is_no_bottom():

@@ -1,6 +1,6 @@
 """Fits of eight numbers from ten seconds at 100 Hz, on recordings made by scipy alone.
 
-`judge_fit.py` does the same for 200 draws; docs/verification.md has its figures.
+`tests.stress.judge_fit` does the same for 200 draws; docs/verification.md has its figures.
 """
 
 from collections.abc import Callable
@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from judge_fit import SOUGHT, Draw, draw, judge, task_of, told, wrong_start
 from scipy.stats import chi2
 
 import wormopt as wo
+from tests.stress.judge_fit import SOUGHT, Draw, draw, judge, task_of, told, wrong_start
 
 pytestmark = pytest.mark.slow
 
@@ -31,6 +31,14 @@ def test_intervals_hold_the_truth_and_wrong_starts_end_at_the_best_fit():
     assert found["processor seconds"][1] < 20
     noise = found["noise found over true"]
     assert 0.94 < noise[0] < noise[1] < noise[2] < 1.06
+
+
+def test_without_noise_numbers_are_exact():
+    drawn = draw(5, end=4.0, noise=1e-8)
+    found = wo.fit(task_of(drawn, wrong_start(drawn, 3.0, 5)))
+    assert found.converged
+    assert all(end.agrees for end in found.starts)
+    assert found.values == pytest.approx([drawn.truth[name] for name in SOUGHT], rel=1e-6)
 
 
 @cache

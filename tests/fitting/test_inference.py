@@ -1,6 +1,5 @@
 """What a fit knows: combinations that cannot be told apart, profiles, tests, predictions."""
 
-import math
 from dataclasses import replace
 
 import casadi as ca
@@ -16,7 +15,6 @@ from scipy.optimize import brentq
 from tests.oracles.by_formula import fit_at, formula, noisy
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.fitting.estimate import Fit
-from wormopt.fitting.fit import fit
 from wormopt.fitting.identifiability import identifiability, sparse_basis
 from wormopt.fitting.noise import excess, ljung_box, runs_test, whiteness
 from wormopt.fitting.prediction import predict
@@ -25,8 +23,6 @@ from wormopt.fitting.recording import Recording
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.unknowns import Unknown
 from wormopt.model.friction import Coulomb
-from wormopt.model.lift import lift
-from wormopt.model.model import Contact, Model, Signal
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
 
@@ -296,18 +292,6 @@ def two_runs(seed: int, own: bool) -> tuple[Fit, Recording, np.ndarray, np.ndarr
     return found, runs[1], X, kept
 
 
-@pytest.mark.slow
-def test_bands_hold_their_share_of_the_readings_over_many_fits():
-    """Of one run they hold more or fewer: what a fit does not know moves all its readings alike."""
-    shares = []
-    for seed in range(0, 240, 3):
-        found, run, *_ = two_runs(seed, own=False)
-        shares.append(predict(found, run).coverage)
-    error = np.std(shares) / math.sqrt(len(shares))
-    assert np.mean(shares) == pytest.approx(0.95, abs=4 * float(error))
-    assert error < 0.02
-
-
 def test_the_band_of_a_line_is_that_of_the_textbook():
     found, run, X, kept = two_runs(0, own=False)
     ahead = predict(found, run)
@@ -355,41 +339,7 @@ def test_a_run_that_shows_what_the_fit_cannot_tell_has_no_band():
     assert ahead.chi2 == pytest.approx(0.0, abs=1e-8)
 
 
-@pytest.mark.slow
-def test_chi2_of_predictions_is_distributed_as_said():
-    for own in (False, True):
-        ps = [predict(*two_runs(2 * seed, own)[:2]).p for seed in range(150)]
-        assert stats.kstest(ps, "uniform").pvalue > 1e-3
-
-
 # -- a block that slides and stops ---------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_intervals_of_a_block_on_dry_ground_hold_the_truth_as_often_as_said():
-    """Recordings by v t - F t² / 2 until it stops; thrown and braked with numbers of each draw."""
-    x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
-    (law,), friction = lift([Coulomb(1.0, 1.0)])
-    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)]
-    contacts = [Contact("block", v, f, law)]
-    block = Model("block", states, ca.vertcat(v, f), p=friction, contacts=contacts)
-    held, times, rng = (
-        {"friction": 0, "throw": 0},
-        np.linspace(0.0, 2.0, 60),
-        np.random.default_rng(1),
-    )
-    unknowns = [Unknown("friction", "friction_forward", lower=0.0), Unknown("throw", "velocity")]
-    draws = 200
-    for _ in range(draws):
-        true = {"friction": rng.uniform(0.8, 2.0), "throw": rng.uniform(0.7, 1.5)}
-        until = np.minimum(times, true["throw"] / true["friction"])
-        way = true["throw"] * until - true["friction"] * until**2 / 2
-        read = way + 0.02 * rng.standard_normal(len(way))
-        run = Recording(times, {"position": read}, noise={"position": 0.02})
-        for name, made in profile(fit(FitTask(block, [run], unknowns), seeds=1)).items():
-            held[name] += made.interval[0] <= true[name] <= made.interval[1]
-    for count in held.values():
-        assert stats.binomtest(count, draws, 0.95).pvalue > 1e-3, held
 
 
 def test_forces_of_a_worm_are_known_but_for_their_scale():

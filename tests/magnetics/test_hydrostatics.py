@@ -1,9 +1,7 @@
 """Ferrofluid at rest at a coil: law of magnetisation, surface, branch, scenes "coil-pressure"."""
 
-import json
 import math
 import re
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -17,7 +15,6 @@ from outcomes import refusals, value
 from scipy.integrate import solve_bvp
 
 import wormopt as wo
-from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.magnetics import hydrostatics
 from wormopt.magnetics.hydrostatics import (
@@ -128,18 +125,6 @@ def test_a_flat_layer_in_a_field_across_it():
     exact = MU0 * 0.35 * inside**2 / 2 + MU0 * (0.35 * inside) ** 2 / 2
     assert flat_layer_pull(fluid, (0.0, H0), 0.0) == pytest.approx(exact, rel=1e-14)
     assert flat_layer_pull(fluid, (H0, 0.0), 0.0) == pull(fluid, (H0, 0.0), 0.0)
-
-
-@pytest.mark.parametrize(
-    ("chi", "saturation", "H0", "lost"),
-    [(0.35, 2e4, 4.5e4, 0.350), (1.5, 3e4, 3e4, 0.648), (3.0, 4e4, 4.5e4, 0.630)],
-)
-def test_what_a_flat_layer_of_saturated_fluid_loses(
-    chi: float, saturation: float, H0: float, lost: float
-):
-    fluid = Fluid(1200.0, 0.03, Langevin(chi, saturation))
-    weak, strong = (float(f(fluid, (0.0, H0), 0.0)) for f in (flat_layer_pull, pull))
-    assert 1 - weak / strong == pytest.approx(lost, abs=5e-4)
 
 
 @settings(max_examples=examples(50))
@@ -381,15 +366,6 @@ def test_the_force_is_that_of_the_stress_on_the_outside():
 
 
 @pytest.mark.slow
-def test_a_large_saturation_is_no_saturation():
-    linear, langevin = solved(), solved("fluid.saturation=1e9")
-    assert linear.status == "ok"
-    assert langevin["surface"].values == pytest.approx(linear["surface"].values, rel=1e-8)
-    low = solved("fluid.saturation=2e3")
-    assert value(low, "surface_rise_max") < 0.9 * value(linear, "surface_rise_max")
-
-
-@pytest.mark.slow
 def test_a_coil_above_draws_the_fluid_up_until_there_is_no_rest():
     changes = ['coil.side="above"', "coil.distance=12e-3", "coil.ampere_turns=4000.0"]
     with pytest.raises(SolveError, match="folds") as caught:
@@ -541,19 +517,6 @@ test_wrong_scenes_are_told = refusals(
     coil={side="above", distance=5e-3} | coil.distance | inside the fluid
     """,
 )
-
-
-@pytest.mark.slow
-def test_a_run_saves_maps_and_a_picture_also_where_it_fails(tmp_path: Path):
-    changes = [*THIN, "layer.thickness=3e-4", "coil.ampere_turns=3000.0"]
-    settings_ = [text for change in changes for text in ("--set", change)]
-    out = tmp_path / "out"
-    assert main(["run", SCENE, "-o", str(out), "--quiet", *settings_]) == 3
-    assert {p.name for p in out.iterdir()} == {"result.nc", "summary.json", "coil_pressure.png"}
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    assert "runs dry" in summary["reason"]
-    kept = Result.load(out)
-    assert kept["induction_z"].values.shape == (61, 97)
 
 
 def test_the_balance_of_the_docs():

@@ -5,12 +5,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from effort import examples
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from wormopt.errors import ArgumentError
-from wormopt.model.friction import Coulomb, Spike, Viscous
+from wormopt.model.friction import Spike, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import TINY, Contact, Model, Output, Signal, pack
 from wormopt.model.schedule import Schedule
@@ -89,27 +88,6 @@ def test_the_symbolic_worm_moves_as_the_closed_form_crawl(
     assert checked >= 7 * min(2, len(motion.stretches))
 
 
-@settings(max_examples=examples(50))
-@given(mass=masses, drag=st.floats(0, 3), load=st.floats(0, 9), seed=st.integers(0, 10**6))
-def test_newtons_law_holds_for_every_mass(mass: list[float], drag: float, load: float, seed: int):
-    """m_i v_i' = reaction_i - k v_i - Gamma + mu_i - mu_{i+1}, mu_0 = mu_{n+1} = 0."""
-    n, random = len(mass) - 1, np.random.default_rng(seed)
-    x, ddl = random.normal(size=2 * n + 2), random.normal(size=n)
-    reaction = random.uniform(0, 5, n + 1)
-    values = functions(spiked_worm(mass, drag, load))(x, ddl, reaction)
-    _, v, a, mean, mu, power = (np.array(value).ravel() for value in values)
-    mu_closed = np.concatenate([[0.0], mu, [0.0]])
-    external = reaction - drag * v - load + mu_closed[:-1] - mu_closed[1:]
-    assert np.array(mass) * a == pytest.approx(external, abs=1e-11 * (1 + n) * sum(mass))
-    assert v[:-1] - v[1:] == pytest.approx(x[n + 2 :], abs=1e-12)  # (2): l_j' = v_{j-1} - v_j
-    assert a[:-1] - a[1:] == pytest.approx(ddl, abs=1e-12)
-    assert mean[0] == pytest.approx(reaction.mean())
-    # Power of actuators and external forces makes the kinetic energy.
-    kinetic = np.array(mass) @ (v * a)
-    given_in = power.sum() + (reaction - drag * v - load) @ v
-    assert kinetic == pytest.approx(given_in, abs=1e-11 * (1 + n) * sum(mass) * 10)
-
-
 def test_the_spiked_worm_tells_what_it_is():
     worm = spiked_worm([1.0, 2.0, 3.0], 0.1, 4.0, length_nominal=0.5, time_nominal=0.1)
     names = {s.name: (s.size, s.unit, s.nominal) for s in (*worm.x, *worm.u)}
@@ -143,26 +121,6 @@ def test_a_model_without_contacts_has_empty_columns():
     assert model.contact_velocities.shape == (0, 1)
     assert model.delassus.shape == (0, 0)
     assert ca.is_equal(model["twice"], 2 * v, 2)
-
-
-@pytest.mark.parametrize("law", [None, 3.0, "coulomb"])
-def test_contacts_without_a_law_are_refused(law: Any):
-    v, f = ca.SX.sym("v"), ca.SX.sym("f")
-    with pytest.raises(ArgumentError, match=r"contact sole: law must be a friction law.*not"):
-        Contact("sole", v, f, law)
-
-
-@pytest.mark.parametrize("given", ["v", 1.0, ca.MX.sym("v"), [ca.SX.sym("v")]])
-def test_names_and_numbers_are_no_expressions(given: Any):
-    v, f = ca.SX.sym("v"), ca.SX.sym("f")
-    for make, whose in (
-        (lambda: Contact("sole", given, f, Coulomb(1.0, 2.0)), "contact sole: velocity"),
-        (lambda: Contact("sole", v, given, Coulomb(1.0, 2.0)), "contact sole: force"),
-        (lambda: Signal("speed", given), "signal speed: symbol"),
-        (lambda: Model("cart", [Signal("speed", v)], given), "model cart: ode"),
-    ):
-        with pytest.raises(ArgumentError, match=f"{whose} must be an expression of CasADi's SX"):
-            make()
 
 
 @pytest.mark.parametrize(

@@ -4,23 +4,23 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from wormopt.numerics.expressions import at_columns, at_rows
+from wormopt.numerics.expressions import at_rows
 
 
 @pytest.mark.parametrize("m", [0, 1, 511, 512, 513, 1025])
-def test_a_function_at_many_columns_is_that_of_each(m: int):
+def test_a_function_at_many_rows_is_that_of_each(m: int):
     x, y, none = ca.SX.sym("x", 2), ca.SX.sym("y"), ca.SX.sym("none", 0)
     function = ca.Function("f", [x, none, y], [ca.vertcat(x[0] * y, x[1] - y, 3.0)])
-    columns, row = np.random.default_rng(m).normal(size=(2, m)), np.arange(1.0 * m)[None]
-    found = at_columns(function, columns, np.zeros((0, m)), row)
-    expected = np.vstack([columns[0] * row, columns[1] - row, np.full((1, m), 3.0)])
+    rows, last = np.random.default_rng(m).normal(size=(m, 2)), np.arange(1.0 * m)
+    (found,) = at_rows(function, rows, np.zeros((m, 0)), last[:, None])
+    expected = np.stack([rows[:, 0] * last, rows[:, 1] - last, np.full(m, 3.0)], axis=1)
     np.testing.assert_array_equal(found, expected)
 
 
-def test_a_function_without_entries_has_none_at_any_column():
+def test_a_function_without_entries_has_none_at_any_row():
     x = ca.SX.sym("x")
     function = ca.Function("none", [x], [ca.SX(0, 1)])
-    assert at_columns(function, np.zeros((1, 3))).shape == (0, 3)
+    assert at_rows(function, np.zeros((3, 1)))[0].shape == (3, 0)
 
 
 def test_rows_are_evaluated_one_by_one_and_matrices_are_flat_by_columns():

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import root_scalar
+from slides import LINE, slide
 
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.model.friction import Coulomb, Viscous
@@ -32,25 +33,7 @@ SLIDE = math.sqrt(1.5)
 BACK = 0.25 + math.sqrt(0.3)
 SMOOTH_SLIDE = 1.2221708186  # tanh(40 v): twelve digits by independent code
 RELAXED = Complementarity(residual=1e-3, first=1e-1)
-BLOCK = block(Coulomb(1.0, 2.0), force=3.0)
-LINE = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.6]))
 BRAKE = Guess(0.8, lambda t: np.vstack([t * (1 - t / 0.8) ** 2, (1 - t / 0.8) * (1 - 3 * t / 0.8)]))
-
-
-def slide(
-    start: tuple[float, float] = (0.0, 0.0),
-    end: float = 1.0,
-    model: Model = BLOCK,
-    size: float = 1.0,
-) -> Problem:
-    """Shortest time, times a size."""
-    ends = Ends.of(model)
-    at_ends = [
-        Constraint("start", ends.start, start, start),
-        Constraint("end", ends.end, [end, 0], [end, 0]),
-    ]
-    cost = size * ends.duration
-    return Problem(model, ends, cost, (0.01, 10.0), boundary_constraints=at_ends, nominal=size)
 
 
 def even(arcs: int, degree: int = 2, phases: int = 1) -> Mesh:
@@ -367,26 +350,6 @@ def test_an_optimal_motion_answers_by_name_as_its_simulation_does():
 
 
 # -- what must not pass for a solution -----------------------------------------------------------
-
-
-def ball(**limits) -> Problem:
-    """A ball thrown up: as long as it may fly, from the ground back to it."""
-    y, v, u = (ca.SX.sym(name) for name in "yvu")
-    states = [Signal("height", y, **limits), Signal("speed", v)]
-    model = Model("ball", states, ca.vertcat(v, u - 1), u=[Signal("gust", u, lower=0.0, upper=0.1)])
-    ends = Ends.of(model)
-    ground = [Constraint("start", ends.start[0], 0, 0), Constraint("end", ends.end[0], 0, 0)]
-    return Problem(model, ends, -ends.duration, (0.1, 10.0), boundary_constraints=ground)
-
-
-def test_bounds_of_states_hold_inside_arcs():
-    guess = Guess(2.0, lambda t: np.vstack([t * (2 - t) / 2, 1 - t]))
-    found = optimise(ball(upper=0.5), Mesh.even(1, 4, Collocation(3)), FixedModes(), guess)
-    t = np.linspace(0, found.motion.duration, 400)
-    assert found.motion.state("height", t).max() <= 0.5 + 1e-9
-    # the gust bears it up both ways: twice sqrt(2 * 0.5 / 0.9)
-    assert found.motion.duration == pytest.approx(2 * np.sqrt(1 / 0.9), rel=2e-2)
-    assert found.motion.duration <= 2 * np.sqrt(1 / 0.9) + 1e-9
 
 
 def switching(pins):

@@ -233,25 +233,6 @@ def test_a_branch_is_dashed_where_it_is_not_stable_and_its_fold_marked():
     assert [text.get_text() for text in above.texts] == [f"fold {fold:.4g}"]
 
 
-def test_a_ride_shows_velocities_where_there_are_no_tracers():
-    found = sample("ride")
-    with_tracers, bare = (figure(r, "ride").axes for r in (found, without(found, "tracer_")))
-    assert with_tracers[-1].get_ylabel() == "height $z$"
-    assert bare[-1].get_ylabel() == "velocity over the wave's"
-    legend = with_tracers[0].get_legend()
-    assert legend
-    labels = [text.get_text() for text in legend.get_texts()]
-    assert labels == ["length 0, held", "length 0.5", "crests of the film"]
-
-
-def test_a_wave_is_drawn_without_other_films_too():
-    found = sample("film_wave")
-    whole, plain = (figure(r, "film_wave").axes for r in (found, without(found, "sweep_")))
-    assert len(whole) == len(plain) + 1
-    assert whole[-1].get_xlabel() == "surface tension ($W$)"
-    assert plain[-1].get_xlabel() == whole[2].get_xlabel()
-
-
 def test_fields_of_a_film_are_shown_over_their_mean():
     result = sample("film")
     fields = next(a for a in figure(result, "film").axes if a.get_ylabel().startswith("$H^2"))
@@ -281,11 +262,6 @@ def test_a_course_marks_where_the_film_broke():
     at, when = (result.scalars[f"broke_{name}"].value for name in ("xi", "time"))
     assert np.ravel(cross.get_xydata()) == pytest.approx([at / np.pi, when / (2 * np.pi)])
     assert 0 < when < 1
-
-
-def test_units_are_raised():
-    rates = figure(sample("gait"), "gait").axes[1]
-    assert rates.get_ylabel() == "rate $\\dot l_j$ (m\xa0s$^{-1}$)"
 
 
 @pytest.mark.slow
@@ -475,32 +451,6 @@ def test_stretches():
     holds = np.array([True, True, False, True, True])
     assert stretches(time, holds) == [(0.0, 1.0), (2.0, 3.0)]
     assert stretches(time, np.array([False, True, True, False, False])) == []
-
-
-def test_coils_that_are_on_are_told_from_those_that_are_not():
-    """Of the pattern of seven, three are on: dark rectangles in every lane."""
-    drawn = figure(sample("rod_motion"), "rod_motion").axes[0]
-    dark = [p for p in drawn.patches if isinstance(p, Rectangle) and _is(p, "#D98C3F")]
-    pale = [p for p in drawn.patches if isinstance(p, Rectangle) and _is(p, "#EADFCF")]
-    assert dark
-    assert 0.5 < len(pale) / len(dark) < 3
-
-
-def _is(patch: Rectangle, colour: str) -> bool:
-    return same_color(patch.get_facecolor(), colour)
-
-
-def test_velocity_over_frequency_shows_marks_best_pattern_and_bars():
-    result = sample("rod_frequency")
-    drawn = figure(result, "rod_frequency")
-    words = " ".join(entries(drawn))
-    assert "sample 1, largest measured" in words
-    assert "best pattern" in words
-    assert len(drawn.axes) == 3
-    names = ("refined_", "sensitive_", "changed_", "unchanged_")
-    kept = {k: s for k, s in result.scalars.items() if not k.startswith("pattern_")}
-    plain = dataclasses.replace(without(result, *names), scalars=kept)
-    assert len(figure(plain, "rod_frequency").axes) == 1
 
 
 def test_the_bound_of_every_gait_is_drawn_over_time():

@@ -459,6 +459,8 @@ def test_15_is_our_fast_gait(rest: float, elongation: float):
             for order in (0, 1):
                 gap = slope(one, t, order).subs(t, end) - slope(other, t, order).subs(t, start)
                 assert sp.simplify(gap) == 0
+    first, second = ends[0][0]  # in one list, both would be the length from 0 to T / 3
+    assert sp.simplify(first - second).subs(t, Q(1, 6)) == 2 * Q(str(elongation))
 
 
 def test_pack_is_the_order_of_symbols():

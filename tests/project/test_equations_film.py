@@ -1,7 +1,7 @@
 """docs/equations.md, (20)-(31) and the film's theory: what our functions and Models say.
 
 They take CasADi's symbols, so all numbers are free; the shape is any function h(xi), xi = t - x,
-unless it is the cosine. test_errata_film.py proves the formulas themselves, without our code.
+unless it is the cosine.
 """
 
 from typing import Any

@@ -1,7 +1,6 @@
 """docs/equations.md, (16)-(19) and the material: what our Models of the magneto-elastic pair say.
 
-Mass, stiffness, push, frequency, field and friction are symbols. test_errata_pair.py proves
-the formulas themselves, without our code.
+Mass, stiffness, push, frequency, field and friction are symbols.
 """
 
 from functools import cache
@@ -140,8 +139,21 @@ def test_17_as_printed_but_for_the_phase():
 
 def test_the_velocities_change_sign_at_these_phases():
     """With V = a Omega sin alpha: v_1 ~ sin alpha + sin phi = 2 sin((phi + alpha) / 2) cos(...)."""
-    half = 2 * sp.sin((phi + alpha) / 2) * sp.cos((phi - alpha) / 2)
-    assert sp.simplify(half - sp.sin(phi) - sp.sin(alpha)) == 0
+    p, q = (phi + alpha) / 2, (phi - alpha) / 2
+    assert sp.simplify(2 * sp.sin(p) * sp.cos(q) - sp.sin(phi) - sp.sin(alpha)) == 0
+    # affine in phi and |alpha| <= pi / 2, p and q are largest and smallest at the ends of each arc
+    quarter = sp.pi / 2
+    forward, backward = (-alpha, sp.pi + alpha), (sp.pi + alpha, 2 * sp.pi - alpha)
+    for angle, arc, low, high in (
+        (p, forward, 0, sp.pi),  # sin p >= 0 on all of the turn
+        (p, backward, 0, sp.pi),
+        (q, forward, -quarter, quarter),  # cos q >= 0
+        (q, backward, quarter, 3 * quarter),  # cos q <= 0
+    ):
+        corners = [
+            angle.subs(phi, end).subs(alpha, side * quarter) for end in arc for side in (-1, 1)
+        ]
+        assert all(low <= corner <= high for corner in corners)
 
 
 def mean_of_slow(forces: Any) -> Any:
@@ -213,19 +225,24 @@ def test_18_is_the_mean_of_our_17_while_both_masses_run_one_way(way: int):
     assert zero(ours - mean_of_slow(one_way(way)))
 
 
-def test_18_as_printed_differs_from_our_averages():
-    """In polar form: a' lacks 1 + a times sin xi, xi' 1 + 1/a times cos xi; V' is right."""
+@pytest.mark.parametrize("one_way", [False, True])
+def test_18_as_printed_differs_from_our_averages(one_way: bool):
+    """In polar form: a' lacks 1 + a times sin xi, xi' 1 + 1/a times cos xi; V' is right.
+
+    Half a turn of xi mends signs only. At rest xi' needs cos xi = 2 Omega Delta: no 1/2 has one.
+    """
     model, s = average()
     V, (p, q) = s["center_velocity"], s["swing"]
     omega, delta = sp.sqrt(2), sp.Symbol("Delta", real=True)
     top = sp.sqrt(p**2 + q**2) * sp.sqrt(2 * s["stiffness"] / s["mass"])
-    ours = polar(s(model.ode, {V: 1, top - V: 1, top + V: 1}), s)
+    faster = -1 if one_way else 1
+    ours = polar(s(model.ode, {V: 1, faster * (top - V): 1, top + V: 1}), s)
     there = {s["frequency"]: omega + eps * delta, **dimensionless(s)}
     ours = [part.subs(there) for part in ours]
     E, share = (high + low) / sp.pi, V / (a * omega)
-    lost = E * sp.sqrt(1 - share**2)
+    lost = sp.Integer(0) if one_way else E * sp.sqrt(1 - share**2)
     corrected = (
-        -eps * (E * sp.asin(share) - (high - low) / 2),
+        -eps * (low if one_way else E * sp.asin(share) - (high - low) / 2),
         -eps / omega * (lost - sp.sin(xi) / 2),
         eps * (delta + sp.cos(xi) / (2 * a * omega)),
     )
@@ -239,9 +256,19 @@ def test_18_as_printed_differs_from_our_averages():
         -eps / (2 * omega) * (1 + a) * sp.sin(xi),
         -eps / (2 * omega) * (1 + 1 / a) * sp.cos(xi),
     )
-    for mine, right, wrong, gap in zip(ours, corrected, printed, gaps, strict=True):
+    of_half_a_turn = (
+        sp.Integer(0),
+        -eps / (2 * omega) * (a - 1) * sp.sin(xi),
+        eps / (2 * omega) * (1 / a - 1) * sp.cos(xi),
+    )
+    for mine, right, wrong, gap, rest in zip(
+        ours, corrected, printed, gaps, of_half_a_turn, strict=True
+    ):
         assert zero(mine - right)
         assert zero(wrong - mine - gap)
+        assert zero(wrong - mine.subs(xi, xi + sp.pi) - rest)
+    (cosine,) = sp.solve(printed[2], sp.cos(xi))
+    assert cosine.subs(delta, Q(1, 2)) == sp.sqrt(2)
 
 
 # -- (19), material -------------------------------------------------------------------------------

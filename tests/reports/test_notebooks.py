@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from report_pages import Whole
+from slides import LINE, slide
 
 import wormopt as wo
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
 from wormopt.shown import brief, line, whole_lists
-from wormopt.systems.block.block import block
 
 HOSTILE = '<script>alert("λ")</script>\n\x1b[31m & </table>'
 
@@ -32,15 +32,9 @@ def hostile() -> Result:
 
 
 def optimum() -> wo.Optimum:
-    """The shortest slide of a block over dry ground, coarsely."""
-    model = block(wo.Coulomb(1.0, 2.0), force=3.0)
-    ends = wo.Ends.of(model)
-    rest = [wo.Constraint("start", ends.start, [0, 0], [0, 0])]
-    rest += [wo.Constraint("end", ends.end, [1, 0], [1, 0])]
-    problem = wo.Problem(model, ends, ends.duration, (0.01, 10.0), boundary_constraints=rest)
-    guess = wo.Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.6]))
+    """The shortest slide, coarsely."""
     mesh = wo.Mesh.even(1, 20, wo.Collocation(2))
-    return wo.optimise(problem, mesh, wo.Complementarity(residual=1e-3, first=1e-1), guess)
+    return wo.optimise(slide(), mesh, wo.Complementarity(residual=1e-3, first=1e-1), LINE)
 
 
 @pytest.fixture(scope="module")

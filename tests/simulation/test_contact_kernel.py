@@ -413,22 +413,6 @@ def test_a_guard_that_jumps_at_the_very_end_fires(route: Route):
         assert motion.end == pytest.approx([span + fired], abs=1e-12)
 
 
-def test_switches_that_set_off_each_other_are_given_up_after_ten_times_each(route: Route):
-    """Each falls by itself, and is lifted by the other."""
-    x, y, t = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("t")
-    switches = [
-        Switch("there", x, ca.SX([-1, 1])),
-        Switch("back", y, ca.SX([1, -1])),
-        Switch("begin", t - 0.5, ca.SX([1, -1])),
-    ]
-    states = [Signal("x", x, value=-1.0), Signal("y", y, value=-1.0)]
-    error = refused(Model("chatter", states, ca.SX([-1, -1]), t=t, switches=switches), 1.0, route)
-    assert (error.code, error.partial.end_time) == ("events_accumulate", pytest.approx(0.5))
-    fired = [event.name for event in error.partial.events]
-    assert fired[:4] == ["begin", "there", "back", "there"]
-    assert len(fired) == pytest.approx(1 + 3 * 10, abs=1)
-
-
 @cache
 def meeting() -> Model:
     """Two bodies meet and go on as one; the second has `m` times the mass of the first."""

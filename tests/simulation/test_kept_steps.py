@@ -14,7 +14,6 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal, Switch
@@ -169,14 +168,6 @@ def test_a_gradient_of_the_end_needs_no_more_than_the_end():
     assert gradient(motion, {"x": weights}).x0["v"] == pytest.approx(found["v"], abs=1e-12)
 
 
-def test_the_motion_is_as_fine_as_that_of_scipy():
-    found = solve_ivp(
-        lambda _, y: [y[1], -9 * y[0]], (0, 5), [0, 3], method="DOP853", rtol=1e-11, atol=1e-12
-    )
-    motion = simulate(swing(3.0), 5.0)
-    assert 0.5 < len(motion.time) / len(found.t) < 2
-
-
 # -- samples at the end of a motion --------------------------------------------------------------
 
 
@@ -212,31 +203,6 @@ def test_so_it_is_at_any_instant(end: float, rate: float, start: float):
 
 def test_samples_clearly_beyond_the_last_event_are_not_made_up():
     assert simulate(clock(0.5), 1.0, times=[0.4, 0.5 + 1e-6, 1]).time.tolist() == [0.4]
-
-
-_MANY = """
-import resource
-resource.setrlimit(resource.RLIMIT_AS, (1_500_000_000, 1_500_000_000))
-import casadi as ca
-import numpy as np
-import wormopt as wo
-x, v = ca.SX.sym("x"), ca.SX.sym("v")
-states = [wo.Signal("x", x, value=1.0), wo.Signal("v", v, value=0.0)]
-swing = wo.Model("swing", states, ca.vertcat(v, -x))
-times = np.linspace(0, 1, 1_000_000)
-motion = wo.simulate(swing, 1.0, times=times)
-found = motion.observe(sum(ca.sin(k * x) for k in range(1, 101)))
-x = np.cos(times)
-print(np.abs(found[0] - sum(np.sin(k * x) for k in range(1, 101))).max() < 1e-6)
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="address space is limited by Linux")
-def test_a_million_samples_are_observed_in_little_memory():
-    env = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    result = subprocess.run([sys.executable, "-c", _MANY], env=env, capture_output=True, text=True)
-    assert (result.returncode, result.stdout) == (0, "True\n"), result.stderr
 
 
 @pytest.mark.slow

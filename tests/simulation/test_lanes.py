@@ -10,8 +10,7 @@ import pytest
 
 from tests.benchmarks.cases import WORK_PRECISION, mag2, track
 from wormopt.errors import ArgumentError, Interrupted
-from wormopt.model.friction import Coulomb
-from wormopt.model.model import Contact, Model, Signal
+from wormopt.model.model import Model, Signal
 from wormopt.model.schedule import Schedule
 from wormopt.simulation import ensemble
 from wormopt.simulation.ensemble import Ensemble, Scenario, simulate_ensemble
@@ -206,20 +205,6 @@ def test_events_are_each_members_own(together):
         for own, other in of_both:
             assert (own.name, own.kind, own.mode) == (other.name, other.kind, other.mode)
             assert own.time == pytest.approx(other.time, abs=1e-10)
-
-
-def test_a_block_stops_where_it_should(together):
-    x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
-    states = [Signal("x", x, value=0.0), Signal("v", v, value=1.0)]
-    ground = Contact("block", v, f, Coulomb(1.0, 2.0))
-    block = Model("block", x=states, ode=ca.vertcat(v, f), contacts=[ground])
-    speeds = np.linspace(-3.0, 3.0, 12)
-    found = together(block, 4.0, [Scenario(x0={"v": speed}) for speed in speeds])
-    resistance = np.where(speeds > 0, 1.0, 2.0)
-    right = speeds * np.abs(speeds) / (2 * resistance)
-    np.testing.assert_allclose(found.end[:, 0], right, atol=1e-11)
-    stops = [motion.events[0].time for motion in found.motions]
-    np.testing.assert_allclose(stops, np.abs(speeds) / resistance, atol=1e-11)
 
 
 # -- failures ---------------------------------------------------------------------------------

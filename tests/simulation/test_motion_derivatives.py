@@ -208,24 +208,6 @@ def test_directions_add_up_and_the_motion_is_the_one_without_them():
 # -- differences -----------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "labels"),
-    [
-        ("filter", ["mass[1]", "stiffness[0]", "friction_forward[2]", "gain", "filter[0]"]),
-        ("derivative", ["damping[1]", "stiffness[0]", "gain_growth", "load[1]"]),
-    ],
-)
-def test_trackers_agree_with_differences(name: Any, labels: list[str]):
-    model = track(name)
-    motion = simulate(model, 10.0, sensitivities=labels)
-    assert len(motion.events) > 50
-    for k, label in enumerate(labels):
-        d = motion.end_derivative[:, k]
-        by = differences(model, 10.0, label, 1e-4)
-        assert np.abs(d - by).max() < 1e-6 * np.abs(d).max(), label
-
-
 def sine_worm() -> tuple[Model, Reference]:
     """Worm and reference of the scene track_sine."""
     worm = chain(
@@ -322,14 +304,6 @@ def test_a_root_at_0_has_no_derivative_and_says_so(route: Any):
         simulate(model, 3.0, sensitivities=["x"], route=route, tolerance=Tolerance(max_steps=20000))
     assert refused.value.code == "steep_derivatives"
     assert refused.value.partial.end_time == pytest.approx(1.0, abs=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("label", ["position[0]", "position[1]"])
-def test_the_magneto_elastic_pair_agrees_with_differences_after_369_events(label: str):
-    motion = simulate(mag2(), 400.0, sensitivities=[label])
-    by = differences(mag2(), 400.0, label, 1e-5)
-    assert np.abs(motion.end_derivative[:, 0] - by).max() < 1e-6 * np.abs(by).max()
 
 
 @pytest.mark.slow

@@ -114,14 +114,6 @@ def test_a_block_on_elliptic_ground_stops(route: Route, angle: float):
     assert motion.end[2:4] == pytest.approx([0, 0], abs=1e-20)
 
 
-def test_backward_the_other_resistance_holds():
-    law = Elliptic(1.0, 3.0, sideways=2.0)
-    time, place = elliptic_stop(3.0, 2.0)
-    motion = simulate(blocks([law], [-1, 1]), 3.0)
-    assert stops(motion) == pytest.approx([time], abs=5e-10)
-    assert motion.end[:2] == pytest.approx([-place[0], place[1]], abs=2e-12)
-
-
 def turned_about(law: Elliptic, v0: tuple[float, float], end: float) -> tuple[float, np.ndarray]:
     """When a block pushed by 1 ceases to slide backward, and its velocity at the end."""
 

@@ -241,17 +241,6 @@ def test_the_smooth_law_tends_to_the_motion(name: str):
     assert errors[-1] < 3e-2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MOTIONS)
-def test_a_sharper_tolerance_tells_the_same(name: str):
-    model, end, _ = moved(name)
-    usual, sharp = (
-        simulate(model, end, tolerance=tolerance).end
-        for tolerance in (Tolerance(), Tolerance(1e-12, 1e-13))
-    )
-    assert usual == pytest.approx(sharp, abs=2e-8)
-
-
 def test_a_ring_stops_where_its_friction_ends_it():
     """B4: without a load all points of a ring turning about itself stop at once, and rest."""
     ring = body(RING, [Elliptic(1, 1, 1)] * 12, lambda t: ca.SX.zeros(3), (0.0, 0.0, 1.0))

@@ -164,19 +164,6 @@ def test_other_values_of_a_schedule_need_no_other_model():
 
 
 @pytest.mark.compiled
-def test_spikes_hit_the_ground_alike():
-    worm = chain(
-        2, mass=[1, 2, 1], stiffness=10.0, damping=1.0, rest_length=2.0, law=Spike(),
-        velocity=[-1.0, 0.5, 2.0],
-    )  # fmt: skip
-    model = shaken(worm, 3 * ca.sin(4 * worm.t + ca.DM([0.0, 1.0])))
-    a, b = (simulate(model, 20.0, tolerance=SHARP, route=route) for route in STEPPING)
-    assert {"stick", "release"} <= {event.kind for event in a.events}
-    assert len(a.events) > 20
-    assert_same(a, b, within=1e-10)
-
-
-@pytest.mark.compiled
 def test_contacts_that_act_on_each_other_decide_alike():
     """Two feet on one rigid rod, velocities v + w and v - w: to hold one changes the other."""
     v, w, f, t = ca.SX.sym("v"), ca.SX.sym("w"), ca.SX.sym("f", 2), ca.SX.sym("t")
@@ -239,17 +226,9 @@ def test_cvodes_is_right_or_refuses(v_reg: float, relative: float):
 
 @pytest.mark.usefixtures("no_compiler")
 def test_without_a_compiler_the_same_steps_are_taken_in_python():
-    smooth = simulate(tracked("derivative"), 10.0, contact=Smooth())
-    assert smooth.route == "python"
-    assert smooth.end == pytest.approx(TRACKED["derivative"], abs=1e-9)
     exact = simulate(mag2(), 20.0, tolerance=SHARP)
     assert exact.route == "python"
     assert sum(event.kind == "stick" for event in exact.events) == 5
-    watched = simulate(
-        tracked("derivative", 2.0, watch=True, gain_start=3.0), 2.0, contact=Smooth()
-    )
-    assert watched.route == "python"
-    assert {"leaves the tube", "enters the tube"} <= {event.name for event in watched.events}
 
 
 def stiff_decay() -> Model:
@@ -271,18 +250,6 @@ def test_stiff_motions_go_to_cvodes(compiler: bool, request: pytest.FixtureReque
 def test_compiled_steps_are_refused_without_a_compiler():
     with pytest.raises(CompilerError, match="no C compiler"):
         simulate(mag2(), 1.0, route="native")
-
-
-@pytest.mark.compiled
-def test_a_worm_in_and_out_of_its_tube_moves_alike():
-    model = tracked("derivative", 2.0, watch=True, gain_start=3.0)
-    t = np.linspace(0, 6, 61)
-    motion = simulate(model, 6.0, contact=Smooth(), times=t, tolerance=SHARP, route="python")
-    assert len(motion.events) == 12
-    plain = tracked("derivative", 2.0, gain_start=3.0)
-    for route in ALL:
-        other = simulate(plain, 6.0, contact=Smooth(), times=t, route=route)
-        assert other.states == pytest.approx(motion.states, abs=1e-8)
 
 
 # -- the whole motion ------------------------------------------------------------------------

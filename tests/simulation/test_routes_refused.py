@@ -7,11 +7,11 @@ import casadi as ca
 import numpy as np
 import pytest
 import simulated
-from on_routes import ALL, attempted, bouncing_ball, event_times, scalar, sine_worm
+from on_routes import ALL, attempted, scalar, sine_worm
 
 from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb
-from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.model import Model, Signal, Switch
 from wormopt.simulation import routes
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Route, Smooth, Tolerance
@@ -89,26 +89,6 @@ def test_a_guard_that_is_no_number_is_refused(route: Route):
     assert error.partial.end_time <= 1.0
 
 
-def test_infinitely_many_bounces_are_refused(route: Route):
-    error = refused(bouncing_ball(), 10.0, route)
-    assert error.code == "events_accumulate"
-    motion = error.partial
-    assert motion.end_time == pytest.approx(9.0, abs=1e-6)
-    times = np.cumsum([1.0, *(2 * 0.8**k for k in range(1, 30))])
-    assert event_times(motion)[:30] == pytest.approx(times, abs=1e-9)
-    assert abs(motion.end[0]) < 1e-6
-
-
-def test_events_that_hardly_let_time_pass_are_refused(route: Route):
-    """A clock that ticks every 1e-12 s, for 1 s."""
-    w = ca.SX.sym("w")
-    tick = Switch("tick", w - 1e-12, ca.SX(0))
-    model = Model("clock", x=[Signal("w", w, value=0.0)], ode=ca.SX(1), switches=[tick])
-    error = refused(model, 1.0, route, tolerance=Tolerance(max_steps=1000))
-    assert error.code == "events_accumulate"
-    assert error.partial.end_time < 1e-9
-
-
 @pytest.mark.parametrize(("share", "ticks"), [(0.99, 64), (1.01, 150)])
 def test_as_many_events_are_allowed_as_functions_are_watched(
     route: Route, share: float, ticks: int
@@ -181,18 +161,6 @@ def test_progress_is_the_share_of_the_time_that_has_passed():
         report=lambda text, share: said.append(share or 0.0),
     )  # fmt: skip
     assert said == pytest.approx([0, 500 / 1600, 1000 / 1600, 1500 / 1600], abs=1e-9)
-
-
-def test_forces_left_open_are_refused(route: Route):
-    """All but: of their matrix the determinant is 7e-11."""
-    x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
-    feet = [Contact(f"foot {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(2)]
-    states = [Signal("x", x, value=0.0), Signal("v", v, value=1.0)]
-    near = ca.DM([[1, 1 - 7e-11], [1 - 7e-11, 1]])
-    cart = Model("cart", x=states, ode=ca.vertcat(v, near @ f), contacts=feet)
-    error = refused(cart, 3.0, route)
-    assert error.code == "no_contact_mode"
-    assert error.partial.end_time == pytest.approx(0.5)
 
 
 def relaxation() -> Model:

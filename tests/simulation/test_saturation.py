@@ -19,13 +19,12 @@ from scipy.integrate import solve_ivp
 import wormopt as wo
 from wormopt.control.funnel import Funnel, funnel_tracker
 from wormopt.control.lambda_tracker import lambda_tracker
-from wormopt.control.loop import Reference, gait_reference
+from wormopt.control.loop import Reference
 from wormopt.control.lqr import lqr
 from wormopt.control.predictive import MpcOptions, plan_mpc, run_mpc
 from wormopt.control.switching import switching_tracker
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb
-from wormopt.model.gait import Gait
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
@@ -235,11 +234,3 @@ def test_gains_of_unknown_parameters_are_not_judged_and_those_of_known_ones_are(
     assert trackers(plant(2.0))[0]().name
     with pytest.raises(ArgumentError, match=r"eigenvalues -0\.5 at the start"):
         trackers(plant(-2.0))[0]()
-
-
-def test_the_refusal_names_what_was_given():
-    still = Gait(np.array([0.0, 1.0]), np.full((1, 1, 1), 1.0))
-    plant = arm(np.inf, -1.0)
-    with pytest.raises(ArgumentError) as caught:
-        lambda_tracker(plant, gait_reference(still, plant.t), tube_radius=0.1, **NAMES)
-    assert "the input 'tau' of arm accelerates angle in the wrong direction" in str(caught.value)

@@ -126,32 +126,6 @@ def test_a_balance_of_forces_on_the_edge_of_slipping_stays_at_rest():
     assert motion.end.tolist() == [0.0, 0.0]
 
 
-def test_contacts_that_stop_together_are_both_seen():
-    laws = [Coulomb(1.0, 2.0)] * 2
-    worm = chain(1, mass=1.0, stiffness=0.0, damping=0.0, rest_length=1.0, law=laws, velocity=1.0)
-    motion = simulate(worm, 2.0)
-    assert [(e.name, e.kind) for e in motion.events] == [("mass 0", "stick"), ("mass 1", "stick")]
-    assert motion.end == pytest.approx([1.5, 0.5, 0.0, 0.0], abs=1e-12)
-
-
-def test_a_spike_stops_backward_motion_at_once_and_never_gives_way():
-    worm = chain(
-        2, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, law=Spike(),
-        velocity=[-1.0, 0.5, 2.0],
-    )  # fmt: skip
-    t = np.linspace(0, 10, 4001)
-    motion = simulate(actuated(worm, 0.3 * ca.sin(4 * worm.t) * ca.DM.ones(2)), 10.0, times=t)
-    v = motion["velocity"]
-    assert v.min() > -1e-11
-    assert v[:, 0] == pytest.approx([0.0, 0.5, 2.0])
-    resting = motion.modes_at(t) == 0
-    assert np.all(v[resting] == 0.0)
-    assert 0.05 < resting.mean() < 0.95
-    force = motion.observe(worm.forces)
-    assert force.min() > -1e-9
-    assert np.all(force[~resting] == 0.0)
-
-
 def test_viscous_contacts_are_plain_forces_in_either_treatment():
     exact = simulate(block(Viscous(2.0), v0=1.0), 1.0, contact=Exact(), tolerance=SHARP)
     smooth = simulate(block(Viscous(2.0), v0=1.0), 1.0, contact=Smooth(), tolerance=SHARP)
@@ -208,20 +182,6 @@ def test_a_worm_at_rest_notices_that_forces_change():
     fast = block(Coulomb(1.0, 1.0), 1.01 * ca.sin(60 * t), t)  # above 1 for 5e-3 at a time
     release = np.arcsin(1 / 1.01) / 60
     assert simulate(fast, 100.0).events[0].time == pytest.approx(release, abs=1e-9)
-
-
-def test_contacts_that_do_not_determine_their_forces_share_what_they_hold():
-    # three feet on two freedoms, singular up to rounding, pushed by less than they hold
-    x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 3)
-    jacobian = ca.DM([[1, 0], [0, 1], [0.1, 0.7]])
-    speeds = jacobian @ v
-    contacts = [Contact(f"foot {i}", speeds[i], f[i], Coulomb(1.0, 1.0)) for i in range(3)]
-    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
-    push = (ca.DM([0.5, 0.3]) + jacobian.T @ f) / ca.DM([3, 7])
-    model = Model("feet", x=states, ode=ca.vertcat(v, push), contacts=contacts)
-    motion = simulate(model, 1.0)
-    assert motion.end.tolist() == pytest.approx(4 * [0.0], abs=1e-12)
-    assert not motion.events
 
 
 def test_impacts_of_contacts_that_act_on_each_other_are_refused(route: Route):

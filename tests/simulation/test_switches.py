@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from on_routes import SHARP, event_times, listed
+from on_routes import event_times, listed
 
 from wormopt.model.friction import Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
@@ -31,19 +31,6 @@ def test_a_guard_that_goes_on_rising_fires_once_a_turn(
     times = first + 2 * np.pi * np.arange(16)
     assert event_times(motion) == pytest.approx(times, abs=1e3 * relative + 1e-12)
     assert motion.end[2] == 16
-
-
-def test_a_level_crossed_up_and_down_is_seen_each_time(route: Route):
-    y = ca.SX.sym("y", 2)
-    crossings = [Switch("up", y[0] - 0.3, y), Switch("down", 0.3 - y[0], y)]
-    states = [Signal("y", y, value=(0.0, 1.0))]
-    model = Model("circle", x=states, ode=ca.vertcat(y[1], -y[0]), switches=crossings)
-    motion = simulate(model, 100.0, tolerance=SHARP, route=route)
-    turns = 2 * np.pi * np.arange(17)
-    ups, downs = turns + np.arcsin(0.3), turns + np.pi - np.arcsin(0.3)
-    for name, times in (("up", ups), ("down", downs)):
-        found = [event.time for event in motion.events if event.name == name]
-        assert found == pytest.approx(times[times < 100.0], abs=1e-10)
 
 
 @pytest.mark.parametrize("period", [0.1 / 7, 0.3, 1 / 3, 0.7])
@@ -99,19 +86,6 @@ def test_events_close_to_each_other_keep_their_order(route: Route, levels: tuple
     assert motion.end == pytest.approx([20.0, *levels], abs=1e-12)
 
 
-def test_a_velocity_made_to_jump_is_an_impact(route: Route):
-    """Thrown backward while it slides, a spike stops, and so it does when it has rested."""
-    x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
-    states = [Signal("x", x, value=0.0), Signal("v", v, value=1.0)]
-    contacts = [Contact("spike", v, f, Spike())]
-    switches = [Switch("throw", ca.sin(t - 1), ca.vertcat(x, -1))]
-    model = Model("thrown", states, ca.vertcat(v, f), t=t, contacts=contacts, switches=switches)
-    motion = simulate(model, 14.0, route=route)
-    throw, impact = ("throw", "switch", 0), ("spike", "impact", 0)
-    assert listed(motion) == [throw, impact, throw, impact, throw, impact]
-    assert motion.end == pytest.approx([1.0, 0.0], abs=1e-12)
-
-
 def test_a_spike_that_is_hit_and_pulled_on_has_its_impact(route: Route):
     """Thrown backward while a force pulls it forward, it stops and slides on at once."""
     x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
@@ -145,19 +119,6 @@ def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(
     assert motion.end[2] == 1
     since = 10 - time
     assert motion.end[0] == pytest.approx(1 - since / 2 + since**2 / 2, abs=1e-9)
-
-
-@pytest.mark.parametrize("level", [0.1, 0.3, 0.7, 1.1])
-def test_a_motion_stopped_at_its_guard_does_not_fire_it_again(route: Route, level: float):
-    """x'' = 1; at x = level the velocity is made zero, and x goes on rising from there."""
-    x, v, at = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("at")
-    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.2)]
-    stop = Switch("stop", x - at, ca.vertcat(x, 0))
-    model = Model("stopped", states, ca.vertcat(v, 1), p=[Signal("at", at)], switches=[stop])
-    motion = simulate(model, 5.0, p={"at": level}, route=route)
-    time = np.sqrt(0.04 + 2 * level) - 0.2
-    assert event_times(motion) == pytest.approx([time], abs=1e-12)
-    assert motion.end[1] == pytest.approx(5 - time, abs=1e-11)
 
 
 def test_what_is_stopped_just_below_its_guard_by_rounding_does_not_fire_it_again(route: Route):

@@ -14,7 +14,7 @@ import numpy as np
 
 from wormopt.errors import Fault
 from wormopt.quantities import Scalar
-from wormopt.result import Check
+from wormopt.result import Check, left_out
 from wormopt.study import (
     Given,
     Study,
@@ -33,7 +33,6 @@ from wormopt.study import (
     signal,
     stage,
     value,
-    warning,
     warnings,
     whole,
 )
@@ -172,18 +171,12 @@ class Pull(Study, kind="toy-pull"):
         called("own")
         yield Check("sum of forces", 0.0, 1e-9, "something else pulls")
 
-    @warning(0.5, "{value} is a long way for {spring.length}", "length", neglected=True)
-    def far(self) -> float:
-        return self.reach
-
-    @warning(0.0, "a warning of nothing")
-    def nothing(self) -> None:
-        return None
-
     @warnings
     def words(self) -> Iterator[str]:
         if self.mode == "fast":
             yield "fast is not slow"
+        if self.reach > 0.5:
+            yield left_out(self.reach, f"{self.reach:g} is a long way")
 
     @facts
     def said(self) -> dict[str, Any]:

@@ -194,15 +194,6 @@ def test_gaps_of_a_gait_table_are_bridged_and_told(tmp_path: Path):
     assert gait.warnings == ("column l_0: 2 gaps are bridged by interpolation",)
 
 
-def test_a_gait_table_of_a_spreadsheet_is_read(tmp_path: Path):
-    text = "\r\n".join(["Zeit;;", "t;l_0;l_1", "0;1;1", "0,3;1,2;1", "0,6;1,1;0,9", "1;1;1"])
-    for encoding in ("utf-8", "utf-8-sig", "utf-16", "cp1252"):
-        gait = wo.load_gait(gait_file(tmp_path, text.encode(encoding)))
-        assert gait(np.array([0.3, 0.6])) == pytest.approx(
-            np.array([[1.2, 1.1], [1.0, 0.9]]), rel=1e-15
-        )
-
-
 @pytest.mark.parametrize("suffix", [".txt", ".TSV", ".dat"])
 def test_text_of_other_names_is_a_table_too(tmp_path: Path, suffix: str):
     """Spreadsheets call what is parted by tabs .txt."""

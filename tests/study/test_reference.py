@@ -50,7 +50,7 @@ def test_the_page_of_a_kind_says_all(kind: str):
 def test_the_page_of_a_kind_distinguishes_tables_and_lists_of_tables():
     rows = [line.split(" | ") for line in page("fit").splitlines() if line.startswith("| `")]
     values = {row[0]: (row[1], row[3]) for row in rows if len(row) == 5}
-    assert values["| `recording`"] == ("a table, or a list of tables", "required")
+    assert values["| `recording`"] == ("a list of tables", "required")
     assert values["| `columns`"] == ("a table", "`{}`")
 
 

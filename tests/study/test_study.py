@@ -28,7 +28,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Fault, UnknownNameError, WormoptError
 from wormopt.kinds import KINDS, Kind, studies_in
-from wormopt.study import Given, Study, array, check, entry, parts, positive, scalar, warning
+from wormopt.study import Given, Study, array, check, entry, parts, positive, scalar
 from wormopt.study.given import RefusedError, plain
 from wormopt.study.types import FOLDER
 
@@ -206,15 +206,14 @@ def test_an_unknown_quantity_is_refused_when_the_class_is_made():
 
 
 @pytest.mark.parametrize("words", ["{lenght}", "{spring.lenght}", "{force.x}", "{}", "{0}"])
-@pytest.mark.parametrize("decorator", [lambda w: check(1, w), lambda w: warning(1, w)])
-def test_advice_about_what_is_not_there_is_refused(decorator: Callable[..., Any], words: str):
+def test_advice_about_what_is_not_there_is_refused(words: str):
     with pytest.raises(TypeError, match="is not a member or key"):
 
         class _Kind(Study):
             spring: Spring = entry("spring")
             force: float = positive("force", "force")
 
-            @decorator(f"lower {words}")
+            @check(1, f"lower {words}")
             def found(self) -> float:
                 return 1.0
 

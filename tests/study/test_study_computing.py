@@ -87,7 +87,7 @@ def test_checks_say_what_to_do_with_values_and_units():
 def test_warnings_of_what_a_theory_neglects_make_a_result_unchecked():
     found = pull(force=4, spring=Spring(length=2, stiffness=3)).result()
     assert found.status == "unchecked"
-    assert any("1.33333 is a long way for 2" in words for words in found.trust["warnings"])
+    assert any("1.33333 is a long way" in words for words in found.trust["warnings"])
     assert pull(mode="fast").result().trust["warnings"] == ["fast is not slow"]
     odd = pull(units="SI", spring=Spring(length=1, stiffness=1e20)).result()
     assert any("spring.stiffness" in words for words in odd.trust["warnings"])
@@ -101,7 +101,7 @@ def test_values_are_found_by_their_names_in_results():
     assert study["last.doubled"] == 4.0
     assert study["force"].tolist() == (study.finer_motion * 100.0).tolist()
     assert study["lengths"].tolist() == [1.0, 1.0]
-    for name in ("motion", "reech", "far", "grid_error", "of_links"):
+    for name in ("motion", "reech", "words", "grid_error", "of_links"):
         with pytest.raises(UnknownNameError, match=f"has no result '{name}'"):
             study[name]
     with pytest.raises(KeyError, match="did you mean 'reach'"):

@@ -177,10 +177,8 @@ class Wave:
 
 
 def sign_after(wave: Wave, crossings: Sequence[Crossing]) -> ca.SX:
-    """Sign (+1 or -1) of a velocity at the beginning of the period, before any crossing.
-
-    It is that after the last crossing, one period earlier; without any, that of the mean.
-    """
+    """Sign (+1 or -1) of a velocity at the beginning of the period, before any crossing."""
+    # It is that after the last crossing, one period earlier; without any, that of the mean.
     last, sign = ca.SX(-1), ca.if_else(wave.mean < 0, -1, 1)
     for crossing in crossings:
         later = ca.logic_and(crossing.real, crossing.place > last)
@@ -223,12 +221,10 @@ def _sampled(velocity: ca.Function, values: np.ndarray, theta: np.ndarray) -> np
 
 
 def _extrema(harmonics: np.ndarray) -> list[float]:
-    """Extrema of Re sum_k c_k exp(2 pi i k theta), ascending in [0, 1).
-
-    With w = exp(2 pi i theta) its derivative is a polynomial in w over a power of w; extrema are
-    its roots on the unit circle. Multiple roots come out beside the circle; nearby roots that are
-    no extrema only split monotonic parts.
-    """
+    """Extrema of Re sum_k c_k exp(2 pi i k theta), ascending in [0, 1)."""
+    # With w = exp(2 pi i theta) its derivative is a polynomial in w over a power of w; extrema are
+    # its roots on the unit circle. Multiple roots come out beside the circle; nearby roots that are
+    # no extrema only split monotonic parts.
     slopes = 1j * np.arange(1, len(harmonics) + 1) * harmonics
     roots = np.roots(np.concatenate([slopes[::-1], [0.0], slopes.conj()]))
     on_circle = roots[np.abs(np.abs(roots) - 1) < _BESIDE]

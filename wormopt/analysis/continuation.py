@@ -96,16 +96,12 @@ class Branch:
         return self.eigenvalues[:, 0].real < -ZERO * np.abs(self.eigenvalues).max(axis=1)
 
     def states(self, name: str) -> np.ndarray:
-        """Samples of a state.
+        """Samples (size, m) of a state.
 
         Parameters
         ----------
         name : str
             Name of a state.
-
-        Returns
-        -------
-        ndarray, shape (size, m)
         """
         check_names({name: 0}, [s.name for s in self.model.x], "state")
         return by_name(self.model.x, self.x.T)[name]
@@ -117,10 +113,6 @@ class Branch:
         ----------
         index : int
             Index along the branch.
-
-        Returns
-        -------
-        SteadyState
         """
         rates, p = rates_of(self.model), self.p.copy()
         p[rates.place(self.name)] = self.parameter[index]

@@ -90,11 +90,9 @@ def balanced(matrices: Matrices) -> Matrices:
 
 
 def without_shifts(matrices: Matrices) -> tuple[Matrices, int]:
-    """Remove, and count, the shifts: directions of states changing neither rates nor outputs.
-
-    A shift, such as a worm's position, is a pole and a zero at 0 that cancel.
-    Their number is the dimension of the common null space of A and C.
-    """
+    """Remove, and count, the shifts: directions of states changing neither rates nor outputs."""
+    # A shift, such as a worm's position, is a pole and a zero at 0 that cancel. Their number is the
+    # dimension of the common null space of A and C.
     a, b, c, d = matrices
     # stricter than for zeros: a weakly damped motion must not pass for a shift
     rank, _, right = _Rank(_rounding(matrices)).split(np.vstack([a, c]))
@@ -103,11 +101,9 @@ def without_shifts(matrices: Matrices) -> tuple[Matrices, int]:
 
 
 def _row_full(matrices: Matrices, rank: _Rank) -> Matrices:
-    """Equivalent system whose D has full row rank: outputs of higher relative degree drop out.
-
-    An output without feed-through must stay zero, which constrains states; its rate must be 0 too,
-    and is an output of the reduced system. Each round removes one order of infinite zeros.
-    """
+    """Equivalent system whose D has full row rank: outputs of higher relative degree drop out."""
+    # An output without feed-through must stay zero, which constrains states; its rate must be 0
+    # too, and is an output of the reduced system. Each round removes one order of infinite zeros.
     a, b, c, d = matrices
     while True:
         through, left, _ = rank.split(d)
@@ -391,13 +387,7 @@ class LinearModel:
         return without_shifts(self._matrices)[0]
 
     def to_control(self) -> Any:
-        """Make a control.StateSpace of it, with names, for python-control's own tools.
-
-        Returns
-        -------
-        control.StateSpace
-
-        """
+        """Make a control.StateSpace of it, with names, for python-control's own tools."""
         return import_control().ss(
             *self._matrices,
             name=self.name,

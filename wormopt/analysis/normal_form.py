@@ -180,7 +180,7 @@ class NormalForm:
     def gain_at(
         self, *, x: Values | None = None, p: Values | None = None, t: float = 0.0
     ) -> np.ndarray:
-        """High-frequency gain at a state.
+        """High-frequency gain (m, m) at a state.
 
         Parameters
         ----------
@@ -190,10 +190,6 @@ class NormalForm:
             Parameters by name, where they are not the model's own.
         t : float, optional
             Time, where the model depends on it.
-
-        Returns
-        -------
-        ndarray, shape (m, m)
 
         Raises
         ------

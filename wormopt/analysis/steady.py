@@ -312,16 +312,12 @@ class SteadySensitivity:
     p: np.ndarray
 
     def derivative(self, name: str) -> np.ndarray:
-        """Derivative of a state or an output of the model.
+        """Derivative (size, k) of a state or an output of the model.
 
         Parameters
         ----------
         name : str
             Its name.
-
-        Returns
-        -------
-        ndarray, shape (size, k)
 
         Raises
         ------

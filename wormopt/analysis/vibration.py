@@ -223,11 +223,9 @@ def _all(K: csc_array, M: csc_array, name: str) -> _Pairs:
 
 
 def _few(K: csc_array, M: csc_array, count: int) -> _Pairs | None:
-    """The `count` least eigenvalues; None if another method is better or completeness is not shown.
-
-    A shift far below the wanted ones costs accuracy, one far above them iterations: it is set to
-    the middle of those that are no rigid motions, which is estimated first.
-    """
+    """The `count` least eigenvalues; None if another method is better or some may be missing."""
+    # A shift far below the wanted ones costs accuracy, one far above them iterations: it is set to
+    # the middle of those that are no rigid motions, which is estimated first.
     n = K.indptr.size - 1
     if n <= _DENSE or count > _FEW * n:
         return None

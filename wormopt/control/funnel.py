@@ -70,10 +70,6 @@ class Funnel:
         t : casadi.SX
             Time.
 
-        Returns
-        -------
-        casadi.SX
-
         Examples
         --------
         >>> import casadi as ca

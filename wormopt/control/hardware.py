@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-import scipy.linalg
 from scipy.interpolate import CubicSpline
 
 from wormopt.control.loop import Reference, feed, gait_reference, input_of, saturated
@@ -85,12 +84,12 @@ def through_hardware(
         measured += ca.vertcat(course.value, course.rate)
     if late and memories:
         raise ArgumentError(f"{loop.name} already has delays; leave out the delay of sensors")
-    slopes = _slopes(plant, own)
-    _check_seen(loop, acts, x, slopes, output)
-    states_of = ca.DM(np.linalg.pinv(slopes))  # of least norm with these y and y'
+    slopes, offset = _slopes(plant, own)
+    states_of = _inverse(slopes)  # of least norm with these y and y'
+    _check_seen(loop, acts, x, ca.SX.eye(n) - states_of @ slopes, output)
 
     def put(expression: ca.SX, known: ca.SX) -> ca.SX:
-        return ca.substitute(expression, x, states_of @ known)
+        return ca.substitute(expression, x, states_of @ (known - offset))
 
     signal = input_of(plant, loop[input].numel(), input)
 
@@ -218,28 +217,34 @@ def _noise(plant: Model, noise: Gait | None, entries: int) -> Reference | None:
     return gait_reference(noise, plant.t, periodic=False, name=NOISE)
 
 
-def _slopes(plant: Model, own: ca.SX) -> np.ndarray:
-    """Matrix from the states to y and y'; ArgumentError if these are not linear."""
+def _slopes(plant: Model, own: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Matrix from the states to y and y', and their values at states 0."""
     x = pack(plant.x)
-    slopes = ca.jacobian(own, x)
-    offset = ca.simplify(own - slopes @ x)
-    if ca.symvar(slopes) or not offset.is_zero():
+    if not ca.is_linear(own, x):
         raise ArgumentError(
-            f"the output of {plant.name} and its rate are not linear in its states with constant "
-            "coefficients, which sensors and sampling need; choose another output"
+            f"the output of {plant.name} and its rate are not linear in its states, which sensors "
+            "and sampling need; choose another output"
         )
-    return ca.evalf(slopes).full()
+    return ca.jacobian(own, x), ca.substitute(own, x, 0)
 
 
-def _check_seen(loop: Model, acts: ca.SX, x: ca.SX, slopes: np.ndarray, output: str) -> None:
-    """Refuse a controller that uses more of the plant than y and y', by derivatives."""
-    hidden = scipy.linalg.null_space(slopes)
-    changes = [ca.jtimes(acts, x, ca.DM(direction)) for direction in hidden.T]
-    change = ca.vertcat(_NONE, *changes)
+def _inverse(slopes: ca.SX) -> ca.SX:
+    """Pseudoinverse; if it depends on parameters, of independent rows."""
+    if ca.symvar(slopes):
+        return ca.densify(ca.pinv(ca.densify(slopes)))
+    return ca.SX(np.linalg.pinv(ca.evalf(slopes).full()))
+
+
+def _check_seen(loop: Model, acts: ca.SX, x: ca.SX, hidden: ca.SX, output: str) -> None:
+    """Refuse a controller that uses more of the plant than y and y', by derivatives.
+
+    Columns of `hidden` span the changes of states that change neither.
+    """
+    change = ca.vertcat(_NONE, *(ca.jtimes(acts, x, way) for way in ca.horzsplit(hidden)))
     symbols = ca.vertcat(_NONE, *ca.symvar(ca.vertcat(change, acts)))
     function = ca.Function("change", [symbols], [ca.densify(change), ca.densify(acts)])
     random = np.random.default_rng(0)
-    for _ in range(_TRIES if change.numel() else 0):
+    for _ in range(_TRIES):
         off, size = (
             np.abs(np.array(part)) for part in function(random.uniform(0.5, 1.5, symbols.numel()))
         )

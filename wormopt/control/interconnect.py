@@ -211,11 +211,9 @@ def _by_measured(plant: Model, outputs: ca.SX, seen: ca.SX) -> ca.SX:
 def _check_seen(
     plant: Model, wanted: ca.SX, states: ca.SX, seen: ca.SX, signals: Sequence[Signal]
 ) -> None:
-    """Refuse a controller that uses more of the plant than its measured outputs.
-
-    Its expressions must not change when the plant's states are replaced by others with the same
-    measured outputs, which is tested at random states.
-    """
+    """Refuse a controller that uses more of the plant than its measured outputs."""
+    # Its expressions must not change when the plant's states are replaced by others with the same
+    # measured outputs, which is tested at random states.
     x = pack(plant.x)
     measured = ca.vertcat(*(plant[s.name] for s in signals))
     again = ca.substitute(wanted, x, ca.substitute(states, seen, measured))

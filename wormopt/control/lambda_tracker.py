@@ -128,10 +128,6 @@ class Adaptation(Protocol):
         ----------
         gain, square, tube_radius : casadi.SX
             k, |e|² of the error, and lambda, which is positive.
-
-        Returns
-        -------
-        Growth
         """
         ...
 

@@ -157,10 +157,8 @@ def _plain(name: str) -> str:
 
 
 def multiples(step: float, first: float, last: float) -> list[Decimal]:
-    """All k * step from `first` to `last`, both included but for round-off.
-
-    The step is the shortest decimal that reads as it: three times 0.1 are 0.3.
-    """
+    """All k * step from `first` to `last`, both included but for round-off."""
+    # The step is the shortest decimal that reads as it: three times 0.1 are 0.3.
     if not (isinstance(step, int | float) and math.isfinite(step) and step > 0):
         raise ArgumentError(f"the step must be positive, not {step!r}")
     slack = 1e-12 * max(abs(first), abs(last))

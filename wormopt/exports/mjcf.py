@@ -136,11 +136,9 @@ def _press(robot: Robot, i: int) -> float:
 
 
 def _rotor(robot: Robot, joint: str) -> float:
-    """Inertia of a joint's drive.
-
-    It moves no mass on the ground if the joint follows its targets, and the heavier it is, the
-    stiffer a servo may be.
-    """
+    """Inertia of a joint's drive."""
+    # It moves no mass on the ground if the joint follows its targets, and the heavier it is, the
+    # stiffer a servo may be.
     force = sum(map(max, robot.grips)) + np.abs(robot.load).sum()
     inertia = _ROTOR * (force or robot.mass.sum() * robot.size / robot.cycle**2) * robot.cycle**2
     return float(inertia / robot.size if joint.startswith("link") else inertia * robot.size)
@@ -208,11 +206,9 @@ def _actuators(robot: Robot, root: Element, step: float) -> int:
 
 
 def _keys(robot: Robot, root: Element, controls: int, steps: int) -> None:
-    """A keyframe for each step; the first one is the start.
-
-    Targets of positions are those of the step's begin and those of rates of its end, because
-    MuJoCo takes springs at the begin and damping at the end.
-    """
+    """A keyframe for each step; the first one is the start."""
+    # Targets of positions are those of the step's begin and those of rates of its end, because
+    # MuJoCo takes springs at the begin and damping at the end.
     times, value, rate = robot.table(steps)
     rows = value[:-1] if robot.elastic is not None else np.hstack([value[:-1], rate[1:]])
     rows = np.pad(rows, ((0, 0), (0, controls - rows.shape[1])))

@@ -18,27 +18,15 @@ from wormopt.result import Result
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """A motion in MuJoCo.
+    """A motion in MuJoCo."""
 
-    Parameters
-    ----------
-    step : float
-        Time step in s.
-    time : ndarray, shape (m,)
-        Times of all steps.
-    position : ndarray, shape (m, masses, 2)
-        Places of the masses.
-    displacements : ndarray, shape (cycles, 3)
-        Displacement ahead, to the left and angle of every cycle, in the frame of the head at its
-        start.
-    exact : ndarray, shape (3,), or None
-        Displacement per cycle with exact contact, where the result has it.
-    """
-
-    step: float
-    time: np.ndarray
-    position: np.ndarray
+    step: float  # time step in s
+    time: np.ndarray  # (m,) times of all steps
+    position: np.ndarray  # (m, masses, 2) places of the masses
+    # (cycles, 3) displacement ahead, to the left and angle of every cycle, in the frame of the head
+    # at its start
     displacements: np.ndarray
+    # (3,) displacement per cycle with exact contact, where the result has it
     exact: np.ndarray | None
 
     @property

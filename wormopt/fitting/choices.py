@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from wormopt.control.loop import feed
@@ -37,16 +36,12 @@ class Choice(ABC):
         """Number of chosen values."""
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Draw numbers at random; changes over time are as large as their limits allow.
+        """Draw numbers (size,) at random; changes over time are as large as their limits allow.
 
         Parameters
         ----------
         rng : Generator
             Generator of random numbers.
-
-        Returns
-        -------
-        ndarray, shape (size,)
         """
         chosen = rng.uniform(-1.0, 1.0, self.size)
         if not self.moving:
@@ -55,7 +50,7 @@ class Choice(ABC):
         return self.shrunk(chosen, 1 / float(shares.max()))
 
     def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Take a share of the changes over time from the base; constant parts stay.
+        """Take a share of the changes over time from the base, (size,); constant parts stay.
 
         Parameters
         ----------
@@ -63,10 +58,6 @@ class Choice(ABC):
             Chosen values, from -1 to 1.
         share : float
             Remaining share.
-
-        Returns
-        -------
-        ndarray, shape (size,)
         """
         return np.append(share * chosen[: self.moving], chosen[self.moving :])
 
@@ -78,10 +69,6 @@ class Choice(ABC):
         ----------
         model : Model
             With the signal among its inputs or parameters.
-
-        Returns
-        -------
-        Model
         """
 
     @abstractmethod
@@ -115,7 +102,7 @@ class Choice(ABC):
 
     @abstractmethod
     def over_time(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Evaluate the signal.
+        """Evaluate the signal: (entries, m).
 
         Parameters
         ----------
@@ -123,10 +110,6 @@ class Choice(ABC):
             Chosen values, from -1 to 1.
         time : ndarray, shape (m,)
             Times.
-
-        Returns
-        -------
-        ndarray, shape (entries, m)
         """
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
@@ -136,10 +119,6 @@ class Choice(ABC):
         ----------
         chosen : ndarray, shape (size,)
             Chosen values, from -1 to 1.
-
-        Returns
-        -------
-        dict of str to float
         """
         return {}
 
@@ -244,13 +223,12 @@ class Choices:
         return np.concatenate(values), np.asarray(block_diag(*rows))
 
 
-def base_of(model: Model, signal: str, given: ArrayLike | None = None) -> tuple[float, ...]:
-    """Values of an input or parameter, the model's own or given; ArgumentError if it has none."""
+def base_of(model: Model, signal: str) -> tuple[float, ...]:
+    """Values of an input or parameter of a model; ArgumentError if it has none."""
     known = signal_of(model, signal, None)
-    value = known.value if given is None else given
-    if value is None:
+    if known.value is None:
         raise ArgumentError(f"{signal} has no value; write one")
-    return numbers_of(signal, value, known.size)
+    return numbers_of(signal, known.value, known.size)
 
 
 def signal_of(model: Model, name: str, size: int | None) -> Signal:

@@ -224,10 +224,6 @@ class Experiment:
         route : {"auto", "native", "python", "cvodes"}, optional
             Integrator, see `simulate`.
 
-        Returns
-        -------
-        Run
-
         Raises
         ------
         SolveError
@@ -254,10 +250,6 @@ class Experiment:
         times : ndarray, shape (m,)
             Sample times, from 0 to the end.
 
-        Returns
-        -------
-        Trajectory
-
         Raises
         ------
         SolveError
@@ -273,7 +265,7 @@ class Experiment:
         )
 
     def seen(self, chosen: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        """Simulate measurements, divided by their standard deviations, with shifted unknowns.
+        """Simulate measurements (r,), over their standard deviations, with shifted unknowns.
 
         Parameters
         ----------
@@ -281,10 +273,6 @@ class Experiment:
             Chosen values.
         shift : ndarray, shape (n,)
             By how much coordinates of the unknowns are moved.
-
-        Returns
-        -------
-        ndarray, shape (r,)
         """
         p, schedules = self.chosen.values(chosen)
         model = self.driven
@@ -311,10 +299,6 @@ class Experiment:
         ----------
         chosen : ndarray, shape (size,)
             Chosen values.
-
-        Returns
-        -------
-        Knowledge
         """
         return self.run(chosen).known
 
@@ -327,15 +311,11 @@ class Experiment:
             Volume of their confidence region, or the sum of their variances.
         wanted : sequence of str, optional
             Their names; all if left out.
-
-        Returns
-        -------
-        Criterion
         """
         return Criterion.of(kind, self.names, wanted or self.names, self.sizes)
 
     def limited(self, chosen: np.ndarray, looks: int) -> np.ndarray:
-        """Excess over limits along the motion, as shares of their ranges.
+        """Excess (m,) over limits along the motion, as shares of their ranges.
 
         Parameters
         ----------
@@ -343,10 +323,6 @@ class Experiment:
             Chosen values.
         looks : int
             Number of times at which the motion is checked.
-
-        Returns
-        -------
-        ndarray, shape (m,)
         """
         found = [np.zeros(0)]
         if not self.limits:
@@ -385,13 +361,11 @@ def largest_excess(experiment: Experiment, chosen: np.ndarray, looks: int) -> fl
 
 
 def departure(experiment: Experiment, chosen: np.ndarray) -> float:
-    """Deviation of measurements from linearity in the unknowns over their expected errors.
-
-    If masses begin or cease to stick within these errors, one-sided derivatives do not apply on
-    the other side, and expected errors are wrong. Evaluated along the principal axes of the
-    confidence ellipsoid, two standard errors to both sides; in standard errors for each of them,
-    infinite if there is no such motion or value.
-    """
+    """Deviation of measurements from linearity in the unknowns over their expected errors."""
+    # If masses begin or cease to stick within these errors, one-sided derivatives do not apply on
+    # the other side, and expected errors are wrong. Evaluated along the principal axes of the
+    # confidence ellipsoid, two standard errors to both sides; in standard errors for each of them,
+    # infinite if there is no such motion or value.
     worst = 0.0
     try:
         run = experiment.run(chosen)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.fitting.estimate import Attempt, Fit
 from wormopt.fitting.information import held_at, offset_of, triangle
 from wormopt.fitting.noise import noise_of, unexplained
-from wormopt.fitting.stretches import lifted, states_read
+from wormopt.fitting.stretches import Lifted, lifted, states_read
 from wormopt.fitting.task import FitTask, Shooting
 from wormopt.fitting.unknowns import Coordinate
 from wormopt.progress import Report, silent
@@ -85,19 +84,7 @@ class Descent:
         return float(self.residuals @ self.residuals) / 2
 
 
-class Squares(Protocol):
-    """Residuals whose sum of squares is minimised."""
-
-    @property
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest coordinates."""
-        ...
-
-    def residuals(self, theta: np.ndarray, /) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals and their Jacobian; SolveError if the motion fails."""
-        ...
-
-
+Squares = FitTask | Lifted  # residuals whose sum of squares is minimised
 Seen = Callable[[Descent], None]
 
 
@@ -128,13 +115,11 @@ def descend(
 
 
 def _region(task: Squares, begin: Descent, seen: Seen, rough: bool) -> Descent:
-    """Use SciPy's trust region; points that cannot be simulated are rejected.
-
-    Coordinates at a bound stay there.
-    """
+    """Use SciPy's trust region; points that cannot be simulated are rejected."""
+    # Coordinates at a bound stay there.
     from scipy.optimize import least_squares
 
-    free = ~_held(task, begin)
+    free = ~held_at(task.bounds, begin.theta, begin.jacobian.T @ begin.residuals)
     if begin.offset < ARRIVED or not free.any():
         return begin
     points = {begin.theta.tobytes(): begin}
@@ -215,10 +200,6 @@ def _look(task: Squares, theta: np.ndarray, count: int) -> Descent:
     return Descent(theta, residuals, jacobian, offset_of(residuals, jacobian, free), count + 1)
 
 
-def _held(task: Squares, at: Descent) -> np.ndarray:
-    return held_at(task.bounds, at.theta, at.jacobian.T @ at.residuals)
-
-
 def _inside(task: Squares, theta: np.ndarray) -> np.ndarray:
     """Move strictly between the bounds, as SciPy requires of a start."""
     lower, upper = task.bounds
@@ -235,10 +216,8 @@ class Way:
 
 
 def ways_of(task: FitTask, nodes: int | None) -> tuple[Way, ...]:
-    """First stages to try in turn: they fail for different problems.
-
-    The last is expensive, for when all others have left more than noise.
-    """
+    """First stages to try in turn: they fail for different problems."""
+    # The last is expensive, for when all others have left more than noise.
     if nodes:
         return (Way(nodes=nodes), Way(nodes=nodes))
     rough = isinstance(task.contact, Smooth) or not task.model.contacts
@@ -257,10 +236,8 @@ def _is_read(shooting: Shooting) -> bool:
 
 
 def approach(task: FitTask, theta: np.ndarray, speed: float, way: Way, seen: Seen) -> Descent:
-    """Descend on a problem with wide valleys, then on the task.
-
-    Valleys are wide over smooth contact, or in short stretches between nodes.
-    """
+    """Descend on a problem with wide valleys, then on the task."""
+    # Valleys are wide over smooth contact, or in short stretches between nodes.
     count = 0
     with suppress(SolveError, ArgumentError):  # such as too stiff: continue from the point reached
         for found in _led(task, theta, speed, way):

@@ -36,24 +36,13 @@ _NICE, _NEAR = 6, 1e-3  # largest denominator of exponents as fractions, and the
 
 @dataclass(frozen=True)
 class Combination:
-    """Unknowns that can change together while every reading stays explained as it was.
+    """Unknowns that can change together while every reading stays explained as it was."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the unknowns.
-    form : {"product", "sum", "here"}
-        Whether it leads on along factors, along sums, or holds to first order at this point.
-    changes : tuple of float
-        Change of each unknown, the largest 1.
-    relative : bool
-        Whether changes are relative, or in the units of the unknowns.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # names of the unknowns
+    # whether it leads on along factors, along sums, or holds to first order at this point
     form: Form
-    changes: tuple[float, ...]
-    relative: bool
+    changes: tuple[float, ...]  # change of each unknown, the largest 1
+    relative: bool  # whether changes are relative, or in the units of the unknowns
 
     def __str__(self) -> str:
         """Describe the unidentifiable change, and the remaining known combinations."""
@@ -209,40 +198,22 @@ _ROUND, _SURELY = 1e-9, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """Identifiable and unidentifiable unknowns of a fit.
+    """Identifiable and unidentifiable unknowns of a fit."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Unknowns.
-    singular_values : ndarray, shape (n,)
-        Singular values of the scaled Jacobian of the readings, largest first: changes of
-        residuals, in standard deviations, for changes of unknowns by their sizes.
-    directions : ndarray, shape (n, n)
-        The combinations that belong to them, in shares of the sizes, row by row.
-    error : float
-        Error bound of the singular values.
-    rank : int
-        Number of singular values above it.
-    errors : ndarray, shape (n,)
-        Standard error of each unknown by the readings alone, in shares of its size; infinite for
-        unidentifiable ones.
-    by_prior : tuple of str
-        Unknowns that only their priors determine.
-    lost : tuple of Combination
-        Combinations without effect on any reading.
-    weak : tuple of str
-        Unknowns that the readings determine, but with an error as large as the value.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # unknowns
+    # (n,) singular values of the scaled Jacobian of the readings, largest first: changes of
+    # residuals, in standard deviations, for changes of unknowns by their sizes
     singular_values: np.ndarray
+    # (n, n) the combinations that belong to them, in shares of the sizes, row by row
     directions: np.ndarray
-    error: float
-    rank: int
+    error: float  # error bound of the singular values
+    rank: int  # number of singular values above it
+    # (n,) standard error of each unknown by the readings alone, in shares of its size; infinite for
+    # unidentifiable ones
     errors: np.ndarray
-    by_prior: tuple[str, ...]
-    lost: tuple[Combination, ...]
+    by_prior: tuple[str, ...]  # unknowns that only their priors determine
+    lost: tuple[Combination, ...]  # combinations without effect on any reading
+    # unknowns that the readings determine, but with an error as large as the value
     weak: tuple[str, ...]
 
     def __repr__(self) -> str:

@@ -29,10 +29,8 @@ MEDIAN = 0.6745
 
 
 def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[str, float]:
-    """Standard deviations of signals, corrected for the degrees of freedom of the unknowns.
-
-    For a robust fit by the median, which ignores outliers.
-    """
+    """Standard deviations of signals, corrected for the degrees of freedom of the unknowns."""
+    # For a robust fit by the median, which ignores outliers.
     r, jacobian = task.plain(theta)
     _, steep = robust(r[: task.count], task.loss)
     weights = np.append(steep, np.ones(len(r) - task.count))
@@ -128,41 +126,22 @@ _SAYS = {
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """One test of one row of residuals.
+    """One test of one row of residuals."""
 
-    Parameters
-    ----------
-    test : {"correlation", "runs", "normal", "size"}
-        Ljung and Box; signs in a row; Shapiro and Wilk, of many Jarque and Bera; chi².
-    run, signal : str
-        What was tested; a signal with several entries as "position[0]".
-    statistic : float
-        Of the test: for "size" the mean square over what it should be.
-    p : float
-        Probability of a deviation at least as large for white normal noise of the given size.
-    """
-
-    test: TestName
-    run: str
-    signal: str
-    statistic: float
+    test: TestName  # Ljung and Box; signs in a row; Shapiro and Wilk, of many Jarque and Bera; chi²
+    run: str  # in which it was tested
+    signal: str  # what was tested; of several entries as "position[0]"
+    statistic: float  # of the test: for "size" the mean square over what it should be
+    # probability of a deviation at least as large for white normal noise of the given size
     p: float
 
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Tests of the residuals of a fit.
+    """Tests of the residuals of a fit."""
 
-    Parameters
-    ----------
-    tests : tuple of ResidualTest
-        All of them.
-    level : float
-        Chance that noise as said is found at fault by any of them.
-    """
-
-    tests: tuple[ResidualTest, ...]
-    level: float
+    tests: tuple[ResidualTest, ...]  # all of them
+    level: float  # chance that noise as said is found at fault by any of them
 
     def __repr__(self) -> str:
         summary = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests failed"
@@ -257,10 +236,8 @@ def _tests(
 
 
 def runs_test(r: np.ndarray) -> tuple[float, float]:
-    """Number of runs above and below the median, in standard deviations, and p.
-
-    A. Wald and J. Wolfowitz, Annals of Mathematical Statistics 11 (1940) 147.
-    """
+    """Number of runs above and below the median, in standard deviations, and p."""
+    # A. Wald and J. Wolfowitz, Annals of Mathematical Statistics 11 (1940) 147.
     signs = np.sign(r - np.median(r))
     above = signs[signs != 0] > 0
     n, high = len(above), int(above.sum())

@@ -111,10 +111,6 @@ class Plan:
         ----------
         other : Knowledge
             Knowledge to compare with, such as that after a rival's run.
-
-        Returns
-        -------
-        float
         """
         power = len(self.criterion.rows) if self.criterion.kind == "D" else 1
         return float(np.exp(power * (self.criterion(other) - self.value)))
@@ -305,10 +301,8 @@ class _Search:
         return min(value, end)
 
     def _settled(self, chosen: np.ndarray) -> np.ndarray:
-        """Move off kinks, at which masses begin to stick, within the expected errors.
-
-        Searches end at them: the criterion jumps there, and derivatives are one-sided.
-        """
+        """Move off kinks, at which masses begin to stick, within the expected errors."""
+        # Searches end at them: the criterion jumps there, and derivatives are one-sided.
         if departure(self.experiment, chosen) <= _LINEAR:
             return chosen
         rng = np.random.default_rng(0)

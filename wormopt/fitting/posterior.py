@@ -90,26 +90,13 @@ _LOOK = 0.05  # seconds between checks of the sampler
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Draws of the unknowns, and whether they are reliable.
+    """Draws of the unknowns, and whether they are reliable."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Of the unknowns, then of estimated noise: "noise of position".
-    draws : ndarray, shape (chains, m, n)
-        Numbers drawn.
-    divergences : int
-        Steps of the sampler that went astray: the probability is rough there.
-    r_hat : ndarray, shape (n,)
-        Rank-normalised R-hat of the draws, 1 where chains agree.
-    effective : ndarray, shape (n,)
-        Number of independent draws they are worth, in the bulk or the tails, whichever is less.
-    """
-
-    names: tuple[str, ...]
-    draws: np.ndarray
-    divergences: int
-    r_hat: np.ndarray
+    names: tuple[str, ...]  # of the unknowns, then of estimated noise: "noise of position"
+    draws: np.ndarray  # (chains, m, n) numbers drawn
+    divergences: int  # steps of the sampler that went astray: the probability is rough there
+    r_hat: np.ndarray  # (n,) rank-normalised R-hat of the draws, 1 where chains agree
+    # (n,) number of independent draws they are worth, in the bulk or the tails, whichever is less
     effective: np.ndarray
 
     def __repr__(self) -> str:

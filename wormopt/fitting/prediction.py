@@ -23,40 +23,22 @@ _SETTLED = 1e-4  # share of the squares that a fit of the run's own unknowns may
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Prediction of a run that the fit did not use.
+    """Prediction of a run that the fit did not use."""
 
-    Parameters
-    ----------
-    recording : Recording
-        The run.
-    values : mapping of str to ndarray, shape (size, m)
-        Signals predicted, at the times of the readings, gaps included.
-    model_error : mapping of str to ndarray, shape (size, m)
-        Standard deviation of these by the errors of the estimates; infinite where unidentifiable
-        parameters affect them.
-    error : mapping of str to ndarray, shape (size, m)
-        Standard deviation of readings around `values`: of model and noise together.
-    level : float
-        Share of readings that shall lie in the band.
-    coverage : float
-        Share of readings that do.
-    chi2 : float
-        Squares of the differences over what they should be, with what they have in common.
-    freedom : int
-        Expectation of `chi2`: readings less the number of values fitted to them.
-    p : float
-        Probability of a deviation at least as large under a true model.
-    """
-
-    recording: Recording
+    recording: Recording  # the run
+    # (size, m) signals predicted, at the times of the readings, gaps included
     values: Mapping[str, np.ndarray]
+    # (size, m) standard deviation of these by the errors of the estimates; infinite where
+    # unidentifiable parameters affect them
     model_error: Mapping[str, np.ndarray]
+    # (size, m) standard deviation of readings around `values`: of model and noise together
     error: Mapping[str, np.ndarray]
-    level: float
-    coverage: float
+    level: float  # share of readings that shall lie in the band
+    coverage: float  # share of readings that do
+    # squares of the differences over what they should be, with what they have in common
     chi2: float
-    freedom: int
-    p: float
+    freedom: int  # expectation of `chi2`: readings less the number of values fitted to them
+    p: float  # probability of a deviation at least as large under a true model
 
     def __repr__(self) -> str:
         summary = (
@@ -215,10 +197,8 @@ def _basis(columns: np.ndarray) -> np.ndarray:
 
 
 def _judged(r: np.ndarray, effects: np.ndarray, taken: np.ndarray) -> tuple[float, np.ndarray]:
-    """Squares of the residuals over their covariance, and the standard deviation of each (rows,).
-
-    Residuals are noise and `effects` times unit normals, without their part in `taken`.
-    """
+    """Squares of the residuals over their covariance, and the deviation of each (rows,)."""
+    # Residuals are noise and `effects` times unit normals, without their part in `taken`.
     r = r - taken @ (taken.T @ r)
     effects = effects - taken @ (taken.T @ effects)
     inner = np.eye(effects.shape[1]) + effects.T @ effects

@@ -132,41 +132,18 @@ _LOWER = 1e-2  # in thresholds, decrease of the squares that is a better fit
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Least misfit along one unknown, and the confidence interval that follows.
+    """Least misfit along one unknown, and the confidence interval that follows."""
 
-    Parameters
-    ----------
-    name : str
-        The unknown.
-    level : float
-        Confidence level of the interval.
-    threshold : float
-        Rise of the squares at the interval's ends.
-    values : ndarray, shape (m,)
-        Values of the unknown, ascending.
-    rises : ndarray, shape (m,)
-        Increase of the sum of squared residuals over the best one.
-    numbers : ndarray, shape (m, n)
-        All unknowns there.
-    best : float
-        Value of the unknown that is best.
-    interval : (float, float)
-        Its ends; the unknown's bound, or infinite, where it is open.
-    open : (bool, bool)
-        Whether the readings do not end it below, and above.
-    fell : float
-        By how much the squares were below those of the fit: above 0 the fit is not the best.
-    """
-
-    name: str
-    level: float
-    threshold: float
-    values: np.ndarray
-    rises: np.ndarray
-    numbers: np.ndarray
-    best: float
-    interval: tuple[float, float]
-    open: tuple[bool, bool]
+    name: str  # the unknown
+    level: float  # confidence level of the interval
+    threshold: float  # rise of the squares at the interval's ends
+    values: np.ndarray  # (m,) values of the unknown, ascending
+    rises: np.ndarray  # (m,) increase of the sum of squared residuals over the best one
+    numbers: np.ndarray  # (m, n) all unknowns there
+    best: float  # value of the unknown that is best
+    interval: tuple[float, float]  # its ends; the unknown's bound, or infinite, where it is open
+    open: tuple[bool, bool]  # whether the readings do not end it below, and above
+    # by how much the squares were below those of the fit: above 0 the fit is not the best
     fell: float
 
     def __repr__(self) -> str:

@@ -143,10 +143,8 @@ class Lifted:
 
 
 def continuity(task: FitTask, theta: np.ndarray, nodes: int) -> float:
-    """Largest jump, in usual sizes, of stretches that start on the whole motion at nodes.
-
-    It shows the growth of simulation errors from node to node.
-    """
+    """Largest jump, in usual sizes, of stretches that start on the whole motion at nodes."""
+    # It shows the growth of simulation errors from node to node.
     whole, w = lifted(task, theta, nodes)
     for stretch in whole.stretches:
         if stretch.state is not None:

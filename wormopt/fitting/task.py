@@ -186,10 +186,8 @@ class Shooting:
 
     @cached_property
     def _matrices(self) -> dict[str, np.ndarray | None]:
-        """For each signal its matrix by the states, None if there is none.
-
-        A product takes a tenth of the time of evaluating expressions; link lengths are common.
-        """
+        """For each signal its matrix by the states, None if there is none."""
+        # A product takes a tenth of the time of evaluating expressions; link lengths are common.
         return {name: _matrix(self.model, name) for name in self.run.readings}
 
     def derivatives(self, theta: np.ndarray) -> tuple[Trajectory, dict[str, np.ndarray]]:
@@ -336,30 +334,22 @@ class FitTask:
         return np.array([c.nominal for c in self.coordinates])
 
     def values(self, theta: np.ndarray) -> np.ndarray:
-        """Convert coordinates to values of the unknowns.
+        """Convert coordinates to values of the unknowns, (n,).
 
         Parameters
         ----------
         theta : ndarray, shape (n,)
             Coordinates.
-
-        Returns
-        -------
-        ndarray, shape (n,)
         """
         return np.array([c.value(t) for c, t in zip(self.coordinates, theta, strict=True)])
 
     def slopes(self, theta: np.ndarray) -> np.ndarray:
-        """Derivative of each value with respect to its coordinate.
+        """Derivative of each value with respect to its coordinate, (n,).
 
         Parameters
         ----------
         theta : ndarray, shape (n,)
             Coordinates.
-
-        Returns
-        -------
-        ndarray, shape (n,)
         """
         return np.array([c.slope(t) for c, t in zip(self.coordinates, theta, strict=True)])
 
@@ -402,10 +392,6 @@ class FitTask:
         ----------
         signal : str
             Its name.
-
-        Returns
-        -------
-        float
         """
         shared = self.noise or {}
         return float(shared[signal]) if signal in shared else self._rough[signal]
@@ -425,10 +411,6 @@ class FitTask:
         ----------
         noise : mapping of str to float
             Standard deviations by signal.
-
-        Returns
-        -------
-        FitTask
         """
         return replace(self, noise={**(self.noise or {}), **noise})
 
@@ -515,16 +497,12 @@ class FitTask:
         return np.append(r, plain[self.count :]), steep[:, None] * slopes
 
     def misfit(self, theta: np.ndarray) -> np.ndarray:
-        """Return the residuals without their Jacobian, which is cheaper.
+        """Return the residuals (rows,) without their Jacobian, which is cheaper.
 
         Parameters
         ----------
         theta : ndarray, shape (n,)
             Coordinates.
-
-        Returns
-        -------
-        ndarray, shape (rows,)
         """
         predicted = [shooting.predicted(theta) for shooting in self.shootings]
         r, _ = robust(self._weighed(predicted), self.loss)
@@ -613,10 +591,6 @@ class FitTask:
         ----------
         theta : ndarray, shape (n,)
             Coordinates.
-
-        Returns
-        -------
-        tuple of Trajectory
         """
         theta = np.asarray(theta, dtype=float)
         return tuple(shooting.motion(theta) for shooting in self.shootings)

@@ -366,10 +366,8 @@ def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndar
 
 
 def _field_far(coil: Coil, rho: np.ndarray, s: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Axial and radial field (2, m) per ampere-turn at distances from a coil's axis and middle.
-
-    By quadrature over radius and length of an integrand without cancellation at large distances.
-    """
+    """Axial and radial field (2, m) per ampere-turn at distances from a coil's axis and middle."""
+    # By quadrature over radius and length of an integrand without cancellation at large distances.
     from scipy.integrate import quad_vec
 
     cosine = np.cos(angle)
@@ -395,10 +393,8 @@ def _field_far(coil: Coil, rho: np.ndarray, s: np.ndarray, angle: np.ndarray) ->
 
 
 def _field_near(coil: Coil, rho: np.ndarray, s: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """As `_field_far`, next to a winding: the integral over the length is a closed form.
-
-    Differences of nearly equal numbers are written out.
-    """
+    """As `_field_far`, next to a winding: the integral over the length is a closed form."""
+    # Differences of nearly equal numbers are written out.
     from scipy.integrate import quad_vec
 
     rho, s = rho[:, None], s[:, None]

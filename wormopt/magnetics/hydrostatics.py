@@ -192,10 +192,8 @@ def log_sinh_ratio(y2: Any) -> Any:
 
 
 def langevin_ratio(y2: Any) -> Any:
-    """Langevin's function over its argument, (coth y - 1 / y) / y; `y2` is y² ≥ 0.
-
-    It is 1/3 at 0, and decreases.
-    """
+    """Langevin's function over its argument, (coth y - 1 / y) / y; `y2` is y² ≥ 0."""
+    # It is 1/3 at 0, and decreases.
 
     # twice the derivative of the integral with respect to y²
     def near(small: Any) -> Any:
@@ -336,14 +334,12 @@ def _field_inside(law: Magnetisation) -> ca.Function:
     return ca.Function("inside", [normal, side], [inside], {"cse": True})
 
 
-def field_stiffness(
-    fluid: Fluid, depth: Any, k: Any, across: Any, along: Any = 0.0, mu_r: Any = None
-) -> Any:
+def field_stiffness(fluid: Fluid, depth: Any, k: Any, across: Any, along: Any = 0.0) -> Any:
     """Contribution of the distorted field to the pull on a ripple, over its height, in Pa/m.
 
-    `across`, `along`: field inside, A/m; `mu_r`: 1 + M/H there if not that of the law.
+    `across`, `along`: field inside, A/m.
     """
-    ratio = fluid.magnetisation.ratio(across**2 + along**2) if mu_r is None else mu_r - 1
+    ratio = fluid.magnetisation.ratio(across**2 + along**2)
     mu, T = 1 + ratio, np.tanh(k * depth)
     shared = MU0 * ratio**2 * k / (2 + (mu + 1 / mu) * T)
     return shared * ((mu * T + 1) * across**2 - (1 + T / mu) * along**2)

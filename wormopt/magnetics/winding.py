@@ -256,13 +256,11 @@ def sheet_field(radius: Expression, half: Expression, q: Expression, s: Expressi
 
 
 def _end(a2: Any, q: Any, z: Any) -> tuple[Any, Any]:
-    """Cover and potential of one end, at the distance z >= 0 beyond it.
-
-    The cover is the field along the axis beyond the end of a half-infinite solenoid: the solid
-    angle of its disc over 4 pi. It is an elliptic integral of the third kind, in the form that
-    stays regular where q passes a2. The potential is that of the loop, over the distance from the
-    axis.
-    """
+    """Cover and potential of one end, at the distance z >= 0 beyond it."""
+    # The cover is the field along the axis beyond the end of a half-infinite solenoid: the solid
+    # angle of its disc over 4 pi. It is an elliptic integral of the third kind, in the form that
+    # stays regular where q passes a2. The potential is that of the loop, over the distance from the
+    # axis.
     _, P, means, sigma = _means(a2, q, z)
     M = means[-1][0]
     # e is z times the third variable of the mean, so z = 0 is no special case
@@ -282,11 +280,9 @@ def _end(a2: Any, q: Any, z: Any) -> tuple[Any, Any]:
 
 
 def _means(a2: Any, q: Any, s: Any) -> tuple[Any, Any, list[tuple[Any, Any]], Any]:
-    """Sum of squares, product of the largest and least distance, the means, and their defect.
-
-    The defect is the sum of 2^(n-1) c_n² / q over n >= 1, with c_n the half differences, here by
-    c_{n+1} = c_n² / (4 a_{n+1}) without cancellation.
-    """
+    """Sum of squares, product of the largest and least distance, the means, and their defect."""
+    # The defect is the sum of 2^(n-1) c_n² / q over n >= 1, with c_n the half differences, here by
+    # c_{n+1} = c_n² / (4 a_{n+1}) without cancellation.
     A = a2 + q + s * s
     P = ((a2 - q) * (a2 - q) + s * s * (2 * (a2 + q) + s * s)) ** 0.5
     mean, geometric = ((A + P) / 2) ** 0.5, P**0.5

@@ -332,10 +332,8 @@ def _least(spline: PPoly) -> float:
 
 
 def _as_a_sine(rows: int) -> float:
-    """Share of the range by which a spline of a smooth table may leave its rows.
-
-    A sine with its extremes in the middle between rows leaves them by (1 − cos a)/(2 cos a) of
-    the range of the table, with a = π over the rows per period; steep tables by far more.
-    """
+    """Share of the range by which a spline of a smooth table may leave its rows."""
+    # A sine with its extremes in the middle between rows leaves them by (1 − cos a)/(2 cos a) of
+    # the range of the table, with a = π over the rows per period; steep tables by far more.
     angle = math.pi / max(rows, 3)
     return 1.5 * (1 - math.cos(angle)) / (2 * math.cos(angle)) + _FREE

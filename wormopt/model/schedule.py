@@ -126,10 +126,6 @@ class Schedule:
         ----------
         t : float
             Time.
-
-        Returns
-        -------
-        float
         """
         begin, piece = self.locate(np.array([t]))
         if not self.periodic and piece[0] + 1 == self.pieces:
@@ -187,10 +183,8 @@ class ParameterPath:
 
     @property
     def values(self) -> np.ndarray:
-        """Coefficients as the `Schedule` wants them, shape (pieces, n (degree + 1)).
-
-        Paths drawn alike share one compiled model: only these numbers differ.
-        """
+        """Coefficients as the `Schedule` wants them, shape (pieces, n (degree + 1))."""
+        # Paths drawn alike share one compiled model: only these numbers differ.
         return self.coefficients.transpose(0, 2, 1).reshape(len(self.coefficients), -1)
 
     def __call__(self, t: np.ndarray) -> np.ndarray:

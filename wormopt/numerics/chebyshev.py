@@ -57,11 +57,9 @@ class Series:
         return self.primitive()(np.array([self.b]))[:, 0]
 
     def roots(self, row: int = 0, zero: float = 0.0) -> np.ndarray:
-        """Roots of one row in [a, b], ascending; none if all its coefficients are below `zero`.
-
-        A multiple root appears at most as often as its multiplicity, at least once if the sign
-        changes; otherwise it may be lost in round-off.
-        """
+        """Roots of one row in [a, b], ascending; none if all its coefficients are below `zero`."""
+        # A multiple root appears at most as often as its multiplicity, at least once if the sign
+        # changes; otherwise it may be lost in round-off.
         c = self.coefficients[row]
         size = np.abs(c).max()
         if size <= zero:

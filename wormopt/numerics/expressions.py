@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from threading import get_ident
 
 import casadi as ca
 import numpy as np
@@ -429,10 +430,8 @@ class AtPlaces:
 
     @cached_property
     def function(self) -> ca.Function:
-        """Function of all coordinates, the first one of every place first, and of the column.
-
-        Its results are in the same order.
-        """
+        """Function of all coordinates, the first one of every place first, and of the column."""
+        # Its results are in the same order.
         count, size = len(self.weights), self.one.size1_in(0)
         q, common = ca.MX.sym("q", size * count), ca.MX.sym("common", self.one.size1_in(1))
         places = ca.reshape(q, count, size).T
@@ -471,44 +470,27 @@ class Call:
         return self._results
 
 
-# Columns at which a function is evaluated at once.
+# Rows at which a function is evaluated at once.
 _AT_ONCE = 512
 
 
 @lru_cache(maxsize=64)
-def _at_columns(function: ca.Function, count: int) -> ca.Function:
-    return function.map(count)
-
-
-def at_columns(function: ca.Function, *columns: np.ndarray) -> np.ndarray:
-    """Values (k, m) of a function with a dense column as its result, at m columns of arguments.
-
-    An ordinary call takes eight times as long, for conversions.
-    """
-    m = columns[0].shape[1]
-    found, size = np.empty((function.numel_out(0), m)), min(m, _AT_ONCE)
-    if found.size:
-        call = Call(_at_columns(function, size))
-        for k in range(0, m, size):
-            part = slice(min(k, m - size), min(k + size, m))  # the last is as long as the others
-            values = call(*(c[:, part].ravel(order="F") for c in columns))[0]
-            found[:, part] = values.reshape(size, -1).T
-    return found
-
-
-@lru_cache(maxsize=64)
-def _call_at(function: ca.Function, count: int) -> Call:
+def _call_at(function: ca.Function, count: int, _thread: int) -> Call:
     return Call(function.map(count))
 
 
 def at_rows(function: ca.Function, *rows: float | np.ndarray) -> list[np.ndarray]:
-    """All results (m, size) of a function, dense, at m rows of arguments; matrices by columns.
-
-    The first argument has m rows, a later one may have one or be a number.
-    """
+    """All results (m, size) of a function, dense, at m rows of arguments; matrices by columns."""
+    # The first argument has m rows, a later one may have one or be a number. An ordinary call takes
+    # eight times as long, for conversions.
     m = len(np.asarray(rows[0]))
-    call = _call_at(function, m)
-    found = call(
-        *(np.broadcast_to(each, (m, function.numel_in(i))).ravel() for i, each in enumerate(rows))
-    )
-    return [part.reshape(m, -1).copy() for part in found]
+    given = [np.broadcast_to(each, (m, function.numel_in(i))) for i, each in enumerate(rows)]
+    found = [np.empty((m, function.numel_out(i))) for i in range(function.n_out())]
+    size = min(m, _AT_ONCE)
+    for k in range(0, m, _AT_ONCE):
+        part = slice(min(k, m - size), k + size)  # the last is as long as the others
+        call = _call_at(function, size, get_ident())
+        values = call(*(each[part].ravel() for each in given))
+        for whole, own in zip(found, values, strict=True):
+            whole[part] = own.reshape(size, -1)
+    return found

@@ -141,10 +141,8 @@ class Workers:
     def as_completed(
         self, work: Callable[[Job], Answer], jobs: Sequence[Job]
     ) -> Iterator[tuple[int, Answer]]:
-        """Do the same with every job; yields number and answer of each as soon as it is done.
-
-        For long jobs: all are submitted at once, and none is done here unless processes die.
-        """
+        """Do the same with every job; yields number and answer of each as soon as it is done."""
+        # For long jobs: all are submitted at once, and none is done here unless processes die.
         todo = dict(enumerate(jobs))
         while todo:
             try:

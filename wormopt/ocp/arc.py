@@ -265,11 +265,9 @@ class Arc:
 
     @cached_property
     def function(self) -> ca.Function:
-        """Map one arc's variables, level, schedules, design and parameters to results.
-
-        Results: residuals; relaxed residuals; accelerations that following contacts must not
-        have; bounded rows; state before the arc and at its end, scaled; integrals.
-        """
+        """Map one arc's variables, level, schedules, design and parameters to results."""
+        # Results: residuals; relaxed residuals; accelerations that following contacts must not
+        # have; bounded rows; state before the arc and at its end, scaled; integrals.
         mesh, at = self.mesh, self.layout
         d = mesh.collocation.degree
         y = ca.SX.sym("y", at.size)

@@ -51,10 +51,6 @@ class Treatment(Protocol):
         ----------
         model : Model
             Any model.
-
-        Returns
-        -------
-        Closure
         """
         ...
 

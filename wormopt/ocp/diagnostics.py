@@ -160,11 +160,9 @@ def _conflict(
     *,
     equalities: bool = False,
 ) -> dict[str, float]:
-    """Limits that must be relaxed for any motion to exist near the start, in their own units.
-
-    Equalities are relaxed if requested, or if there are several and relaxing inequalities alone
-    is not enough.
-    """
+    """Limits that must be relaxed for any motion to exist near the start, in their own units."""
+    # Equalities are relaxed if requested, or if there are several and relaxing inequalities alone
+    # is not enough.
     problem = with_input_limits(program.problem)
     loose = elastic(problem, equalities=equalities)
     more = len(elastic(problem, equalities=True).design) > len(loose.design) + 1

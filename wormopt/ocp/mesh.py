@@ -93,10 +93,6 @@ class Mesh:
             Scheme and degree.
         input_degree : int, optional
             Degree of the inputs.
-
-        Returns
-        -------
-        Mesh
         """
         plain = cls(phases, arcs, collocation, input_degree)
         return replace(plain, shares=tuple(1 / n for n in plain.counts for _ in range(n)))
@@ -117,10 +113,6 @@ class Mesh:
             Scheme and degree.
         input_degree : int, optional
             Degree of the inputs.
-
-        Returns
-        -------
-        Mesh
 
         Raises
         ------
@@ -261,10 +253,8 @@ def on_finer_mesh(arcs: Arcs, coarse: Mesh, mesh: Mesh) -> Arcs:
 
 
 def interpolation(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Matrix (m, n) from values at nodes (n,) to the interpolating polynomial at targets (m,).
-
-    Nodes are distinct; all places are in [0, 1].
-    """
+    """Matrix (m, n) from values at nodes (n,) to the interpolating polynomial at targets (m,)."""
+    # Nodes are distinct; all places are in [0, 1].
     degree = len(nodes) - 1
     basis = np.polynomial.legendre.legvander(2 * nodes - 1, degree)
     return np.linalg.solve(basis.T, np.polynomial.legendre.legvander(2 * targets - 1, degree).T).T

@@ -94,10 +94,6 @@ class Guess:
             Simulated with ``dense = True``, of a model with the problem's states. Its output
             ``input``, where it has one as `drive` and trackers give, makes the inputs.
 
-        Returns
-        -------
-        Guess
-
         Raises
         ------
         ArgumentError
@@ -126,16 +122,12 @@ class Guess:
         )
 
     def durations_on(self, mesh: Mesh) -> np.ndarray:
-        """Durations of a mesh's arcs.
+        """Durations (N,) of a mesh's arcs.
 
         Parameters
         ----------
         mesh : Mesh
             Any mesh; arcs without shares are equally long within their phase.
-
-        Returns
-        -------
-        ndarray, shape (N,)
         """
         phases = np.full(mesh.phases, 1.0) if self.phases is None else self.phases
         shares = mesh.shares or tuple(1 / n for n in mesh.counts for _ in range(n))
@@ -219,10 +211,6 @@ class Motion(SampledMotion):
             Its variables.
         bounds : Bounds
             With which it was solved.
-
-        Returns
-        -------
-        Motion
         """
         n, (level, schedules, _, p) = program.mesh.total, program.arc.constants
         edges = np.cumsum([level.numel() * n, schedules.numel() * n])
@@ -276,12 +264,7 @@ class Motion(SampledMotion):
         return {s.name: self.p[e - s.size : e] for s, e in zip(signals, ends, strict=True)}
 
     def phase_breaks(self) -> np.ndarray:
-        """Times at which phases begin, and the end.
-
-        Returns
-        -------
-        ndarray, shape (phases + 1,)
-        """
+        """Times at which phases begin, and the end, (phases + 1,)."""
         first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
         return np.append(self.breaks[first], self.duration)
 
@@ -299,64 +282,48 @@ class Motion(SampledMotion):
         return np.einsum("mk,rkm->rm", interpolation(nodes, s), values[:, :, arc])
 
     def states(self, t: np.ndarray) -> np.ndarray:
-        """States at given times.
+        """States (n_x, m) at given times.
 
         Parameters
         ----------
         t : ndarray, shape (m,)
             Times from 0 to the duration.
-
-        Returns
-        -------
-        ndarray, shape (n_x, m)
         """
         return self._interpolated(t, self.mesh.collocation.nodes, self.arcs.states)
 
     def inputs(self, t: np.ndarray) -> np.ndarray:
-        """Inputs at given times; where they jump, the later value.
+        """Inputs (n_u, m) at given times; where they jump, the later value.
 
         Parameters
         ----------
         t : ndarray, shape (m,)
             Times from 0 to the duration.
-
-        Returns
-        -------
-        ndarray, shape (n_u, m)
         """
         arc, s = self._locate(t)
         return np.einsum("mk,rkm->rm", self.mesh.inputs_at(s), self.arcs.inputs[:, :, arc])
 
     def forces(self, t: np.ndarray) -> np.ndarray:
-        """Contact forces at given times.
+        """Contact forces (n_c, m) at given times.
 
         Parameters
         ----------
         t : ndarray, shape (m,)
             Times from 0 to the duration.
-
-        Returns
-        -------
-        ndarray, shape (n_c, m)
         """
         return self.observe(self.program.problem.model.forces, t)
 
     def algebraic(self, t: np.ndarray) -> np.ndarray:
-        """Algebraic variables at given times.
+        """Algebraic variables (n_z, m) at given times.
 
         Parameters
         ----------
         t : ndarray, shape (m,)
             Times from 0 to the duration.
-
-        Returns
-        -------
-        ndarray, shape (n_z, m)
         """
         return self._interpolated(t, self.mesh.collocation.tau, self.arcs.algebraic)
 
     def observe(self, expression: ca.SX, t: np.ndarray) -> np.ndarray:
-        """Values of an expression of the problem's symbols.
+        """Values (r, m) of an expression of the problem's symbols.
 
         Parameters
         ----------
@@ -364,10 +331,6 @@ class Motion(SampledMotion):
             Column of r entries: an output of the model, a contact force, a bound.
         t : ndarray, shape (m,)
             Times from 0 to the duration.
-
-        Returns
-        -------
-        ndarray, shape (r, m)
         """
         arc = self.program.arc
         function = ca.Function("observe", arc.symbols, [ca.densify(arc.at_forces(expression))])
@@ -383,7 +346,7 @@ class Motion(SampledMotion):
         return np.array(function(*columns, *constants))
 
     def state(self, name: str, t: np.ndarray) -> np.ndarray:
-        """One of the model's states by its name.
+        """One of the model's states (entries, m) by its name.
 
         Parameters
         ----------
@@ -391,10 +354,6 @@ class Motion(SampledMotion):
             Name of a state.
         t : ndarray, shape (m,)
             Times from 0 to the duration.
-
-        Returns
-        -------
-        ndarray, shape (entries, m)
 
         Raises
         ------
@@ -404,7 +363,7 @@ class Motion(SampledMotion):
         return self.states(t)[self.program.rows_of(name)]
 
     def output(self, name: str, t: np.ndarray) -> np.ndarray:
-        """One of the model's outputs by its name.
+        """One of the model's outputs (entries, m) by its name.
 
         Parameters
         ----------
@@ -412,10 +371,6 @@ class Motion(SampledMotion):
             Name of an output.
         t : ndarray, shape (m,)
             Times from 0 to the duration.
-
-        Returns
-        -------
-        ndarray, shape (entries, m)
 
         Raises
         ------
@@ -450,10 +405,8 @@ class Motion(SampledMotion):
 
 
 def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
-    """Variables (n_w,) of a program that follow a guess; `bounds` has integrals' parameters.
-
-    Slacks and design constants are at nominal size, impulses zero.
-    """
+    """Variables (n_w,) of a program that follow a guess; `bounds` has integrals' parameters."""
+    # Slacks and design constants are at nominal size, impulses zero.
     mesh, arc = program.mesh, program.arc
     n = mesh.total
     durations = guess.durations_on(mesh)

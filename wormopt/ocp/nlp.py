@@ -177,6 +177,7 @@ class Solution:
     # s in functions by their CasADi names, such as nlp_hess_l
     functions_s: Mapping[str, float] = field(default_factory=dict)
     build_s: float = 0.0  # s to make the solver; 0 if it is cached
+    level: float = 0.0  # of a homotopy: width or relaxation; 0 for prescribed modes
     # (n_g,) of the constraints: below 0 at lower bounds, above 0 at upper ones
     multipliers: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
@@ -200,10 +201,8 @@ class NonlinearProgram:
 
     @cached_property
     def _shared(self) -> tuple[ca.Function, dict[str, Any]]:
-        """Scalar functions of the program, and its derivatives as options of IPOPT.
-
-        They take longer to make than a solver, and solvers differ in their options only.
-        """
+        """Scalar functions of the program, and its derivatives as options of IPOPT."""
+        # They take longer to make than a solver, and solvers differ in their options only.
         arguments = [self._nlp[key] for key in ("x", "p")], [self._nlp[key] for key in ("f", "g")]
         program = ca.Function("nlp", *arguments, ["x", "p"], ["f", "g"])
         scalar = program.expand()
@@ -400,10 +399,8 @@ def _solver(
 
 @contextmanager
 def _uncounted(bounds: Bounds) -> Iterator[None]:
-    """Suppress a warning of CasADi, which counts fixed variables as equations.
-
-    IPOPT does not, and solves such programs. Other output on stderr is passed on.
-    """
+    """Suppress a warning of CasADi, which counts fixed variables as equations."""
+    # IPOPT does not, and solves such programs. Other output on stderr is passed on.
     equations = np.sum(bounds.lbw == bounds.ubw) + np.sum(bounds.lbg == bounds.ubg)
     if equations <= len(bounds.lbw):
         yield

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -28,11 +28,9 @@ if TYPE_CHECKING:
 
 
 def defects(motion: Motion) -> np.ndarray:
-    """Local error (N,) of every arc: the integral of |x' - f(x, u, ...)| over it, scaled.
-
-    Largest over the states. With prescribed modes a sliding force follows its law; others
-    are interpolated. J. T. Betts, Practical Methods for Optimal Control, 4.7 (SIAM 2010).
-    """
+    """Local error (N,) of every arc: the integral of |x' - f(x, u, ...)| over it, scaled."""
+    # Largest over the states. With prescribed modes a sliding force follows its law; others are
+    # interpolated. J. T. Betts, Practical Methods for Optimal Control, 4.7 (SIAM 2010).
     arc, mesh = motion.program.arc, motion.mesh
     nodes, weights = np.polynomial.legendre.leggauss(12)
     s, weights = (nodes + 1) / 2, weights / 2
@@ -85,20 +83,6 @@ _WARM_BARRIER = 1e-3
 _RESTARTS, _NEARLY = 3, 1e-3
 
 
-@dataclass(frozen=True)
-class Level:
-    """One solve of a homotopy."""
-
-    level: float  # width or relaxation; 0 for prescribed modes
-    objective: float
-    violation: float
-    status: str  # the solver's
-    iterations: int  # the solver's
-    seconds: float  # wall-clock time
-    # s of it in the program's functions
-    functions_s: Mapping[str, float] = field(default_factory=dict)
-
-
 @dataclass(frozen=True, eq=False)
 class Optimum:
     """Result of `optimise`, with measures of its quality.
@@ -109,7 +93,7 @@ class Optimum:
         The motion.
     solution : Solution
         Solution of the last nonlinear program.
-    levels : tuple of Level
+    levels : tuple of Solution
         All solves, in order.
     treatment : Regularised, Complementarity or FixedModes
         Treatment of contacts.
@@ -148,7 +132,7 @@ class Optimum:
 
     motion: Motion
     solution: Solution
-    levels: tuple[Level, ...]
+    levels: tuple[Solution, ...]
     treatment: Contacts
     build_s: float
     bounds: Bounds
@@ -339,25 +323,14 @@ def optimise(
             seconds = solver.seconds if isinstance(solver, Ipopt) else None
             raise failure(program, solution, bounds, w, target, seconds, explain=explain)
         w = solution.w
-        solution = replace(solution, objective=solution.objective * problem.nominal)
+        level = 0.0 if isinstance(target, ModeSequence) else target
+        objective = solution.objective * problem.nominal
+        solution = replace(solution, objective=objective, level=level)
         solutions.append(solution)
         report(f"objective {solution.objective:.6g}", (k + 1) / len(targets))
     motion = Motion.of(program, w, steps[-1])
-    levels = tuple(map(_level, targets, solutions))
     build += sum(solution.build_s for solution in solutions)
-    return Optimum(motion, solutions[-1], levels, treatment, build, steps[-1])
-
-
-def _level(target: ModeSequence | float, solution: Solution) -> Level:
-    return Level(
-        0.0 if isinstance(target, ModeSequence) else target,
-        solution.objective,
-        solution.violation,
-        solution.status,
-        solution.iterations,
-        solution.seconds,
-        solution.functions_s,
-    )
+    return Optimum(motion, solutions[-1], tuple(solutions), treatment, build, steps[-1])
 
 
 def _targets(treatment: Contacts) -> Sequence[ModeSequence | float]:

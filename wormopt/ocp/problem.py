@@ -141,10 +141,6 @@ class Ends:
         n_integrals : int, optional
             Rows of the problem's ``integrands``.
 
-        Returns
-        -------
-        Ends
-
         Examples
         --------
         >>> q = ca.SX.sym("q")

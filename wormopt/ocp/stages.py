@@ -381,10 +381,8 @@ def _still(
     box: tuple[np.ndarray, np.ndarray],
     multipliers: np.ndarray,
 ) -> bool:
-    """Whether no descent is left, recomputed: the solver may give up silently.
-
-    Each slope of the Lagrangian is negligible relative to its terms, or the distance down it is.
-    """
+    """Whether no descent is left, recomputed: the solver may give up silently."""
+    # Each slope of the Lagrangian is negligible relative to its terms, or the distance down it is.
     n_x = len(end)
     parts = np.zeros((4, len(v) + 1, v.shape[1]))
     parts[0, :-1] = arcs.gradient

@@ -490,11 +490,9 @@ class Transcription:
         return {name: (low, high) for name, (low, high) in found.items()}
 
     def guarded(self, bounds: Bounds) -> Bounds:
-        """Bound every arc's duration by 0 from below, even if its phase implies it.
-
-        The stronger barrier keeps durations from collapsing in an interior point: more iterations,
-        but motions are found from worse starts.
-        """
+        """Bound every arc's duration by 0 from below, even if its phase implies it."""
+        # The stronger barrier keeps durations from collapsing in an interior point: more
+        # iterations, but motions are found from worse starts.
         rows = self.arc.layout.size * np.arange(self.mesh.total)
         lower, upper = bounds.lbw.copy(), bounds.ubw.copy()
         lower[rows] = np.maximum(lower[rows], 0.0)
@@ -570,11 +568,9 @@ class Transcription:
         return w
 
     def rest(self, durations: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Variables (n_w,) of a worm at rest at `start` (n_x,), on arcs of durations (arcs,).
-
-        From there `NonlinearProgram.linear_step` finds the best motion with these durations,
-        where the model is linear.
-        """
+        """Variables (n_w,) of a worm at rest at `start` (n_x,), on arcs of durations (arcs,)."""
+        # From there `NonlinearProgram.linear_step` finds the best motion with these durations,
+        # where the model is linear.
         at, n = self.arc.layout, self.mesh.total
         y = np.zeros((at.size, n))
         y[0] = durations / self.arc.time_nominal

@@ -155,10 +155,8 @@ class Page:
     # -- facts and the legend
 
     def fact(self, name: str, words: str = "", unit: str = "") -> str:
-        """Describe a scalar, in its unit or a multiple ("mm s-1" of m s-1, "%" of 1).
-
-        Empty if the result has no such number; dimensionless ones stay so.
-        """
+        """Describe a scalar, in its unit or a multiple ("mm s-1" of m s-1, "%" of 1)."""
+        # Empty if the result has no such number; dimensionless ones stay so.
         known = self.result.scalars.get(name)
         if (known is None or isinstance(known.value, bool)
                 or not isinstance(known.value, int | float)):  # fmt: skip
@@ -433,21 +431,11 @@ def edges(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Animation:
-    """A picture that moves: a stage that stays, and what is drawn on its first panel per frame.
+    """A picture that moves: a stage that stays, and what is drawn on its first panel per frame."""
 
-    Parameters
-    ----------
-    frames : int
-        Number of frames.
-    stage : callable
-        Makes the page.
-    pose : callable
-        Draws a frame, 0 to ``frames - 1``, on the panel.
-    """
-
-    frames: int
-    stage: Callable[[Result], Page]
-    pose: Callable[[Panel, int], None]
+    frames: int  # number of frames
+    stage: Callable[[Result], Page]  # makes the page
+    pose: Callable[[Panel, int], None]  # draws a frame, 0 to ``frames - 1``, on the panel
 
     def __call__(self, result: Result) -> Figure:
         drawn = self.stage(result).drawn

@@ -64,10 +64,8 @@ class Moving:
 
 
 def moving(result: Result) -> Moving | None:
-    """Masses on the ground over time, None if the result has no such motion.
-
-    Bodies that are more than masses, such as floats and segments, have an animation of their own.
-    """
+    """Masses on the ground over time, None if the result has no such motion."""
+    # Bodies that are more than masses, such as floats and segments, have an animation of their own.
     if "position" not in result:
         return None
     position = result["position"]
@@ -172,10 +170,8 @@ def _labels(result: Result, dims: tuple[str, ...]) -> list[str]:
 
 
 def _slope(result: Result) -> tuple[float, float]:
-    """Angle of the ground, rad, and the load that pulls in addition.
-
-    A load alone is a slope if possible: a weight in SI units determines an angle.
-    """
+    """Angle of the ground, rad, and the load that pulls in addition."""
+    # A load alone is a slope if possible: a weight in SI units determines an angle.
     raw = json.loads(result.scene_text or "{}")
     worm = raw.get("worm")
     slope, load, mass = (

@@ -48,11 +48,9 @@ class Layer:
             self._velocities = Call(system.velocities, ("p", p), ("s", modes))
 
     def is_passed_unseen(self, step: Step) -> bool:
-        """Whether a velocity enters and leaves the steep layer of the smooth law within a step.
-
-        The layer would act between the stages, unseen by the error estimate. For exact laws in the
-        plane: whether a long step passes a kink, which the estimate may miss.
-        """
+        """Whether a velocity enters and leaves the steep layer of the smooth law within a step."""
+        # The layer would act between the stages, unseen by the error estimate. For exact laws in
+        # the plane: whether a long step passes a kink, which the estimate may miss.
         if not self._layers:
             return self._bends is not None and self._goes_over_bend(step)
         suspects = self._may_dip(step)
@@ -96,10 +94,8 @@ class Layer:
 
 
 def _cubics(step: Step) -> np.ndarray:
-    """States at the samples by the cubics through the ends of a step.
-
-    Stages within a dip may distort the step's own polynomial.
-    """
+    """States at the samples by the cubics through the ends of a step."""
+    # Stages within a dip may distort the step's own polynomial.
     s, rise = _SAMPLES[:, None], step.x_new - step.x
     first, last = step.h * step.dx, step.h * step.dx_new
     bend = 3 * rise - 2 * first - last + s * (first + last - 2 * rise)
@@ -143,10 +139,8 @@ class _Clock:
         self._directions = p[len(task.p) :].reshape(len(task.p), task.k)
 
     def follow(self, t: float) -> float:
-        """Set all values to those at time t, and the next break.
-
-        A break within round-off of t counts as passed.
-        """
+        """Set all values to those at time t, and the next break."""
+        # A break within round-off of t counts as passed.
         for i, (schedule, place) in enumerate(zip(self._schedules, self._places, strict=True)):
             (begin,), (piece,) = schedule.locate(np.array([t]))
             self._p[place] = np.append(begin, schedule.values[piece])
@@ -347,11 +341,9 @@ class _Motion:
         return np.split(states, len(self._task.system.model.switches))[k].copy()
 
     def _cross(self, k: int, near: Near) -> None:
-        """Fire all switches that must fire together with the crossed switch `k`.
-
-        If several guards are 0 or jump at once, the first choice of these switches is taken after
-        which the motion leaves all their guards.
-        """
+        """Fire all switches that must fire together with the crossed switch `k`."""
+        # If several guards are 0 or jump at once, the first choice of these switches is taken after
+        # which the motion leaves all their guards.
         watch, t = self._watch, self._t
         choices = list(_choices(watch.at_guard(t, self._x, near)[:_TOGETHER]))
         for leaves, choice in product((FALLS, -FALLS), choices):  # rather than staying there

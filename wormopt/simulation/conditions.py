@@ -285,11 +285,9 @@ class _Graph:
         instead: Callable[[int, list[ca.SX], int], ca.SX | None],
         until: int = _TIME | _FIXED | _PIECES | _STATE,
     ) -> ca.SX:
-        """Rebuild the expressions; `instead` may replace an operation.
-
-        It is given the instruction, its arguments and their dependence. Expressions that depend on
-        more than `until` are left out.
-        """
+        """Rebuild the expressions; `instead` may replace an operation."""
+        # It is given the instruction, its arguments and their dependence. Expressions that depend
+        # on more than `until` are left out.
         nothing = ca.SX(0)
         work = [(nothing, 0)] * self._function.sz_w()
         result = [nothing] * self._function.nnz_out(0)
@@ -521,10 +519,8 @@ def _around(kind: _Kind, level: float) -> tuple[float, float]:
 
 
 def _with(model: Model, expressions: ca.SX) -> dict[str, Any]:
-    """Parts of the model with other expressions, in the order of `expressions_of`.
-
-    Delayed signals stay as they are: their memory is split at ends of steps.
-    """
+    """Parts of the model with other expressions, in the order of `expressions_of`."""
+    # Delayed signals stay as they are: their memory is split at ends of steps.
     rest = iter(ca.vertsplit(expressions))
 
     def take(old: ca.SX) -> ca.SX:

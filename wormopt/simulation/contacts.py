@@ -79,11 +79,9 @@ class Aim:
                 self._joint.add(self._place[i])
 
     def sweep(self, t: float, x: np.ndarray) -> None:
-        """Turn directions of onset until they fit each other.
-
-        Those that do not converge end with the first step, since their error is large: then the
-        motion turns the velocities itself.
-        """
+        """Turn directions of onset until they fit each other."""
+        # Those that do not converge end with the first step, since their error is large: then the
+        # motion turns the velocities itself.
         begun = np.flatnonzero(self._directions.any(axis=1))
         places = [int(k) for k in begun if int(k) not in self._joint]
         for sweep in range(1, _SWEEPS + 1 if places else 0):
@@ -126,11 +124,9 @@ class Aim:
             self._onsets[k, 2] = -still / change if turns else 0.0
 
     def _turn(self, k: int, t: float, x: np.ndarray) -> None:
-        """Turn a direction until the force of onset is that of sliding.
-
-        A force on the edge of the holding set gives its direction at once; one beyond it does not
-        if resistance is anisotropic.
-        """
+        """Turn a direction until the force of onset is that of sliding."""
+        # A force on the edge of the holding set gives its direction at once; one beyond it does not
+        # if resistance is anisotropic.
         first = float(np.arctan2(self._directions[k, 1], self._directions[k, 0]))
 
         def off(turn: float) -> float:
@@ -318,11 +314,9 @@ class Contacts:
         return ends
 
     def _is_held(self, i: int, probe: _Probe) -> bool:
-        """Whether a resting contact that is to be released holds after all.
-
-        If others slip so slowly that their forces turn at once, its own may have been out of bounds
-        only in between.
-        """
+        """Whether a resting contact that is to be released holds after all."""
+        # If others slip so slowly that their forces turn at once, its own may have been out of
+        # bounds only in between.
         if self._modes[i] != 0 or not self._coupled or not probe.determined > _OPEN:
             return False
         return bool(probe.margin[i] > _HELD * self._held_by[i])
@@ -366,13 +360,11 @@ class Contacts:
                 self._modes[i] = 0.0
 
     def _part(self, t: float, x: np.ndarray, gone: int | None, before: _Probe) -> list[int]:
-        """Let contacts slide that cannot rest together, such as on the ground and on a belt.
-
-        They share a degree of freedom and their velocities are 0 at once, but differ later. All
-        slide forward at first; then the one that moves most against its mode is stopped, and
-        released the other way if its force does not hold it: the acceleration rises to its value.
-        `gone` was released by an event, in a direction of `before`.
-        """
+        """Let contacts slide that cannot rest together, such as on the ground and on a belt."""
+        # They share a degree of freedom and their velocities are 0 at once, but differ later. All
+        # slide forward at first; then the one that moves most against its mode is stopped, and
+        # released the other way if its force does not hold it: the acceleration rises to its value.
+        # `gone` was released by an event, in a direction of `before`.
         if self._sharing or not self._coupled or self._look(t, x).determined > _OPEN:
             return []
         among = [i for i in np.flatnonzero(self._modes == 0).tolist() if self._directions[i]]
@@ -408,10 +400,8 @@ class Contacts:
         return False
 
     def _slide_through(self, t: float, x: np.ndarray, slow: list[int]) -> list[int]:
-        """Release, before any stop, geared contacts that their force cannot hold.
-
-        Stopping them without an acting force would stop everything that moves.
-        """
+        """Release, before any stop, geared contacts that their force cannot hold."""
+        # Stopping them without an acting force would stop everything that moves.
         passing = list[int]()
         for i in slow:
             if i in self._geared:

@@ -162,10 +162,8 @@ class Watch:
         return 2 * off + abs(rate) * floor_of_step(self._task, t), abs(rate)
 
     def fires_in_vain(self, k: int, t: float, crossing: Crossing) -> bool:
-        """Whether a switch has fired and not been above 0 since.
-
-        A crossed switch may have been 0 for a while, and its guard may have jumped.
-        """
+        """Whether a switch has fired and not been above 0 since."""
+        # A crossed switch may have been 0 for a while, and its guard may have jumped.
         if self._task.system.model.switches[k].crosses:
             return not self._jumped[k] and t - self._fired[k] <= floor_of_step(self._task, t)
         return crossing.level != 0
@@ -257,8 +255,7 @@ class Watch:
         if np.isnan(values).any():
             raise GivenUp("not_finite")
         self._check_moves(step, values)
-        a, b, c = values[:-2], values[1:-1], values[2:]
-        dips = (b < a) & (b <= c) & (b < 4 * (np.maximum(a, c) - b))
+        dips = _dips(values[:-2], values[1:-1], values[2:])
         suspects = np.flatnonzero((values.min(axis=0) < 0) | dips.any(axis=0))
         small = self._small()
         self.touched = []
@@ -289,7 +286,7 @@ class Watch:
             if here < level:
                 theta = _root(above, _SAMPLES[max(k - 1, 0)], _SAMPLES[k])
                 return self._since(step, Crossing(j, theta, level))
-            if k >= 2 and self._dips(value[k - 2 : k + 1] - level):
+            if k >= 2 and _dips(*(value[k - 2 : k + 1] - level)):
                 ends = _SAMPLES[k - 2], _SAMPLES[k]
                 near = {"bounds": ends, "method": "bounded", "options": {"xatol": 1e-7}}
                 low: Any = minimize_scalar(above, **near)
@@ -329,12 +326,6 @@ class Watch:
             around = self._task.system.contacts[j].nominal_speed if self._modes[j] else held
         return self._task.small_value * around
 
-    @staticmethod
-    def _dips(value: np.ndarray) -> bool:
-        """Whether there may be a zero between three samples."""
-        a, b, c = value
-        return bool(b < a and b <= c and b < 4 * (max(a, c) - b))
-
     def _slope(self, step: Step, crossing: Crossing) -> float:
         """Time derivative of an event function about its crossing."""
         low, high = max(crossing.theta - 1e-4, 0.0), min(crossing.theta + 1e-4, 1.0)
@@ -342,11 +333,9 @@ class Watch:
         return change / ((high - low) * step.h)
 
     def locate(self, step: Step, crossing: Crossing, stepper: Stepper) -> Located:
-        """Step to an event found by `find`.
-
-        The step itself is taken and corrected by Newton's method, since the order of the polynomial
-        is lower than that of the steps.
-        """
+        """Step to an event found by `find`."""
+        # The step itself is taken and corrected by Newton's method, since the order of the
+        # polynomial is lower than that of the steps.
         which, length = crossing.which, crossing.theta * step.h
         if length <= floor_of_step(self._task, step.t):
             return Located(None, arrived=True)
@@ -367,6 +356,11 @@ class Watch:
                 break
             length = corrected
         return Located(best, arrived=True)
+
+
+def _dips(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Whether there may be a zero between three samples."""
+    return (b < a) & (b <= c) & (b < 4 * (np.maximum(a, c) - b))
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:

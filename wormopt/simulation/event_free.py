@@ -217,12 +217,10 @@ def _settled(sweep: ca.Function) -> ca.Function:
 def _sweep(
     contacts: Sequence[Contact], start: ca.SX, begin: ca.SX, read: Sequence[ca.SX], h: ca.SX
 ) -> ca.SX:
-    """Mean forces over a step after one sweep over the contacts, from those of the sweep before.
-
-    `begin`: mean forces over the step before. `read`: response of velocities to impulses;
-    velocities before the step, about its middle, and after it if there were no forces; their rates
-    by the forces of the step before.
-    """
+    """Mean forces over a step after one sweep over the contacts, from those of the sweep before."""
+    # `begin`: mean forces over the step before. `read`: response of velocities to impulses;
+    # velocities before the step, about its middle, and after it if there were no forces; their
+    # rates by the forces of the step before.
     (response, before, middle, free, rates), force = read, ca.SX(start)
     first = 0
     for contact in contacts:
@@ -237,12 +235,10 @@ def _sweep(
 
 
 def _mean(law: Any, hold: ca.SX, still: ca.SX, begin: ca.SX, middle: ca.SX) -> ca.SX:
-    """Mean force of a law over a step that `hold` would end at rest, and `still` spend at rest.
-
-    A sliding contact slides for the share of the step in which it comes to rest, or for all of it;
-    then it rests or slides as one at rest does. A resting contact holds until its force,
-    initially `begin`, reaches its limit.
-    """
+    """Mean force of a law over a step that `hold` would end at rest, and `still` spend at rest."""
+    # A sliding contact slides for the share of the step in which it comes to rest, or for all of
+    # it; then it rests or slides as one at rest does. A resting contact holds until its force,
+    # initially `begin`, reaches its limit.
     found = friction(law, hold, middle)
     if isinstance(law, PlanarLaw):
         return found

@@ -188,11 +188,9 @@ class System:
 
     @cached_property
     def _pushes(self) -> ca.SX:
-        """States in addition to the model's: time integrals of forces on resting contacts.
-
-        They exist if the forces depend on time. While everything rests, step control would not
-        otherwise see that forces change.
-        """
+        """States in addition to the model's: time integrals of forces on resting contacts."""
+        # They exist if the forces depend on time. While everything rests, step control would not
+        # otherwise see that forces change.
         driven = self.exact and ca.depends_on(self._free_acceleration, self.model.t)
         return ca.SX.sym("push", len(self.row_contact) if driven else 0)  # type: ignore[no-any-return]
 
@@ -321,10 +319,8 @@ class System:
 
     @cached_property
     def prescribed(self) -> tuple[int, ...]:
-        """Contacts on lines whose velocity no contact force changes, such as on a driven belt.
-
-        In the plane the equations for undetermined forces include such contacts.
-        """
+        """Contacts on lines whose velocity no contact force changes, such as on a driven belt."""
+        # In the plane the equations for undetermined forces include such contacts.
         rows, columns = self.delassus.sparsity().get_triplet()
         acted_on = {i for i, j in zip(rows, columns, strict=True) if i != j}
         acted_on |= set(np.flatnonzero(~_zeros(ca.diag(self.delassus))).tolist())
@@ -340,11 +336,9 @@ class System:
 
     @cached_property
     def geared(self) -> tuple[int, ...]:
-        """Contacts on lines whose response to their own force depends on time or place.
-
-        Where it is 0 so is their velocity, and yet no force stops them there: the foot of a turning
-        leg moves along the ground by the cosine of its angle.
-        """
+        """Contacts on lines whose response to their own force depends on time or place."""
+        # Where it is 0 so is their velocity, and yet no force stops them there: the foot of a
+        # turning leg moves along the ground by the cosine of its angle.
         t, x, _, _ = self.symbols
         response, changes = ca.diag(self.delassus), ca.vertcat(t, x)
         if not ca.depends_on(response, changes):
@@ -370,21 +364,17 @@ class System:
 
     @cached_property
     def shares(self) -> bool:
-        """Whether resting contacts may share a load, as two on one rigid body do.
-
-        The split is undetermined, see `wormopt.simulation.sharing`.
-        """
+        """Whether resting contacts may share a load, as two on one rigid body do."""
+        # The split is undetermined, see `wormopt.simulation.sharing`.
         if not self.coupled:
             return False
         return len(self.planar) > 0 or self._grips.bilateral or self._redundant
 
     @property
     def _redundant(self) -> bool:
-        """Whether contacts on lines have fewer degrees of freedom than forces in every state.
-
-        Forces without effect count only if they do no work either: contacts with different
-        velocities, such as prescribed ones, do not rest at once.
-        """
+        """Whether contacts on lines have fewer degrees of freedom than forces in every state."""
+        # Forces without effect count only if they do no work either: contacts with different
+        # velocities, such as prescribed ones, do not rest at once.
         acted_on = np.delete(np.arange(len(self.contacts)), self.prescribed).tolist()
         matrix, velocity = self.delassus[acted_on, acted_on], self._velocity[acted_on]
         held = ca.vertcat(*ca.symvar(matrix))
@@ -507,11 +497,9 @@ class System:
 
     @cached_property
     def probe(self) -> ca.Function:
-        """Values that decide modes.
-
-        Velocities, accelerations, forces, least and largest holding force of the contacts that may
-        rest; then how well resting ones determine their forces, 1 well, 0 not at all.
-        """
+        """Values that decide modes."""
+        # Velocities, accelerations, forces, least and largest holding force of the contacts that
+        # may rest; then how well resting ones determine their forces, 1 well, 0 not at all.
         acceleration = self._at_forces(self._free_acceleration, self.forces)
         values = self._grips.deciding(acceleration, self.forces, self.delassus)
         return self.function("probe", ca.vertcat(values, self._determined))
@@ -630,10 +618,8 @@ class System:
         return u if u.value is not None else replace(u, value=0.0)
 
     def scheduled(self, p: np.ndarray, schedules: Sequence[Schedule], t: np.ndarray) -> np.ndarray:
-        """Parameters (n_p, m) with the values that schedules have at the times `t` (m,).
-
-        At a break the later piece applies.
-        """
+        """Parameters (n_p, m) with the values that schedules have at the times `t` (m,)."""
+        # At a break the later piece applies.
         p, at = np.repeat(p[:, None], len(t), axis=1), self.n_fixed
         for schedule in schedules:
             end = at + 1 + schedule.values.shape[1]

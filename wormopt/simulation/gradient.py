@@ -150,11 +150,9 @@ def _check(motion: object, route: object) -> None:
 def _doubts(
     motion: Trajectory, late: float, tolerance: Tolerance, route: Route
 ) -> tuple[NonsmoothEvent, ...]:
-    """Doubts of a simulation forward in time along a direction in which everything moves.
-
-    Those at the start are left out: a velocity at the start of a contact that slides from
-    rest would have two derivatives, which hardly anyone needs.
-    """
+    """Doubts of a simulation forward in time along a direction in which everything moves."""
+    # Those at the start are left out: a velocity at the start of a contact that slides from rest
+    # would have two derivatives, which hardly anyone needs.
     dense, model = motion.dense, motion.system.model
     assert dense is not None
     start = float(dense.time[0])

@@ -16,7 +16,7 @@ from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -45,49 +45,6 @@ def never_rests(contact: Contact) -> bool:
 def weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
     """First or second, for weight 1 or 0."""
     return weight * a + (1 - weight) * b
-
-
-class Grip(Protocol):
-    """One contact, or several with equal laws, and their modes."""
-
-    contacts: list[int]
-    rows: list[int]
-    rests: ca.SX  # row by row 1 or 0
-
-    @property
-    def slip(self) -> ca.SX:
-        """Forces while they slide."""
-        ...
-
-    def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
-        """Forces on contacts that act on no other.
-
-        Arguments: accelerations without force, and acceleration by force of each component.
-        """
-        ...
-
-    def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows of the equations for all forces, and their right-hand side.
-
-        `response`: their rows of the Delassus matrix.
-        """
-        ...
-
-    def gives(self, rest: float, onset: float) -> ca.SX:
-        """Diagonal block of compliance, at rest and in onset across the direction."""
-        ...
-
-    @property
-    def begun(self) -> ca.SX:
-        """Force of sliding in onset, else 0."""
-        ...
-
-    def deciding(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
-        """Velocity, acceleration, force, least and largest force by which modes are decided.
-
-        `own`: acceleration by force of each of their components.
-        """
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,14 +77,14 @@ class LineGrip:
         return ca.SX(self.law.smooth(self.velocity, v_reg))
 
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
-        """Forces on contacts that act on no other."""
+        """Forces on contacts that act on no other, from free accelerations."""
         if self.prescribed:
             return self.slip
         choose = ca.if_else if self.geared else weighted  # avoids multiplying by infinity
         return choose(self.mode**2, self.slip, -free / response)
 
     def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows of the equations for all forces, and their right-hand side."""
+        """Rows of the equations for all forces, and right-hand side; `response`: Delassus rows."""
         slides = ca.SX.ones(len(self.rows)) if self.prescribed else self.mode**2
         matrix = ca.repmat(1 - slides, 1, response.size2()) * response
         for k, row in enumerate(self.rows):
@@ -250,11 +207,9 @@ class PlaneGrip:
         return self._begins * self.slip
 
     def deciding(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
-        """Velocity, acceleration, force, least and largest force by which modes are decided.
-
-        Its speed, and its force relative to the holding force; in onset its velocity along d, and
-        its error so far.
-        """
+        """Velocity, acceleration, force, least and largest force by which modes are decided."""
+        # Its speed, and its force relative to the holding force; in onset its velocity along d, and
+        # its error so far.
         v, ahead = self.contact.velocity, self._ahead
         speed = ca.if_else(self._begins, ca.dot(self.direction, v), ca.norm_2(v))
         faster = ca.dot(ahead, acceleration) / ca.norm_2(ahead)
@@ -271,10 +226,8 @@ class PlaneGrip:
 
     @property
     def bends(self) -> ca.SX:
-        """Kink of its force: velocity along the heading, and speed.
-
-        Both 0 where forward and backward resistance are the same.
-        """
+        """Kink of its force: velocity along the heading, and speed."""
+        # Both 0 where forward and backward resistance are the same.
         v = self.contact.velocity
         ahead, back = (ca.SX(getattr(self.law, n, 0.0)) for n in ("forward", "backward"))
         return ca.SX(2, 1) if ca.is_equal(ahead, back) else ca.vertcat(v[0], ca.norm_2(v))
@@ -283,10 +236,8 @@ class PlaneGrip:
         return ca.dot(self._across, force - self.slip)
 
     def aims(self, force: ca.SX) -> ca.SX:
-        """Direction in which slip begins from rest, and error of the force of onset.
-
-        The error is 0 in the direction in which the contact accelerates.
-        """
+        """Direction in which slip begins from rest, and error of the force of onset."""
+        # The error is 0 in the direction in which the contact accelerates.
         return ca.vertcat(self.law.slip_direction(force), self._off(force))
 
 
@@ -385,7 +336,7 @@ class Grips:
         return found
 
     def deciding(self, acceleration: ca.SX, forces: ca.SX, delassus: ca.SX) -> ca.SX:
-        """Values that decide modes: five columns, see `Grip.deciding`, one below the other."""
+        """Values that decide modes: five columns, see `LineGrip.deciding`, one below the other."""
         columns = [
             g.deciding(acceleration[g.rows], forces[g.rows], delassus[g.rows, g.rows])
             for g in self.each
@@ -461,10 +412,8 @@ class _Several:
         return self._each(self.law.smooth(one, width), (one, v), (width, v_reg))
 
     def _each(self, expression: Expression, *given: tuple[ca.SX, Expression]) -> ca.SX:
-        """Insert the values of each, and arguments for symbols: a column, or one for all.
-
-        Other symbols, such as those of a law that is no dataclass, are the same for all.
-        """
+        """Insert the values of each, and arguments for symbols: a column, or one for all."""
+        # Other symbols, such as those of a law that is no dataclass, are the same for all.
         count, symbols = self.numbers.size2(), [self.symbols, *(symbol for symbol, _ in given)]
         others = ca.Function("law", symbols, [expression], {"allow_free": True}).free_sx()
         function = ca.Function("law", [*symbols, ca.vertcat(*others)], [expression])
@@ -515,10 +464,8 @@ def solver(name: str, symbols: Sequence[ca.SX], equations: Equations) -> ca.Func
 
 
 def determined(matrix: ca.SX) -> ca.SX:
-    """Determinant relative to the sizes of the rows: 1 well determined, 0 not at all.
-
-    From factors: an expression by minors grows like Fibonacci's numbers for a chain.
-    """
+    """Determinant relative to the sizes of the rows: 1 well determined, 0 not at all."""
+    # From factors: an expression by minors grows like Fibonacci's numbers for a chain.
     size = ca.fabs(_product(ca.diag(ca.qr(matrix)[1])))
     return size / ca.sqrt(_product(ca.sum2(matrix**2)))
 

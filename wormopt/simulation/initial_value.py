@@ -100,10 +100,8 @@ class InitialValueProblem:
 
     @cached_property
     def column_sizes(self) -> np.ndarray:
-        """Expected sizes of derivatives per direction, in units of nominal sizes of states.
-
-        With these, nominal directions change states by nominal sizes.
-        """
+        """Expected sizes of derivatives per direction, in units of nominal sizes of states."""
+        # With these, nominal directions change states by nominal sizes.
         if self.directions is None:
             return np.zeros(0)
         model, nominal_p = self.system.model, np.ones(len(self.p))
@@ -113,10 +111,8 @@ class InitialValueProblem:
 
     @cached_property
     def column_floor(self) -> np.ndarray:
-        """Least sizes of columns, in absolute tolerances of states.
-
-        Where a column leaves 0 all of it is error, and zeros of theory are rounding.
-        """
+        """Least sizes of columns, in absolute tolerances of states."""
+        # Where a column leaves 0 all of it is error, and zeros of theory are rounding.
         return 0.01 * self.column_sizes / self.tolerance.absolute
 
     @cached_property
@@ -136,11 +132,9 @@ class InitialValueProblem:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """Speeds of contacts in the plane, see `wormopt.simulation.crossings`; (4, contacts).
-
-        Speed of a stop; least and largest at the end of an onset; least over largest error of an
-        onset. 0 for others.
-        """
+        """Speeds of contacts in the plane, see `wormopt.simulation.crossings`; (4, contacts)."""
+        # Speed of a stop; least and largest at the end of an onset; least over largest error of an
+        # onset. 0 for others.
         tolerated = self.tolerance.relative + self.tolerance.absolute
         least, error = 100 * self.v_stop, _ONSET * tolerated
         rows = [self.v_stop, least, 0.1 * self._nominal_speeds, least / error]
@@ -181,10 +175,8 @@ class InitialValueProblem:
 
     @property
     def small_rate(self) -> float:
-        """Share of its parts below which the rate of an event function is negligible.
-
-        A function that falls so slowly stays within errors of the motion of 0.
-        """
+        """Share of its parts below which the rate of an event function is negligible."""
+        # A function that falls so slowly stays within errors of the motion of 0.
         return float(np.sqrt(10 * (self.tolerance.relative + self.tolerance.absolute)))
 
     @property

@@ -103,10 +103,8 @@ class Impulses:
 
     @cached_property
     def kick(self) -> ca.Function:
-        """Rates after a step by the forces at its middle, and values accumulated over it.
-
-        Function of the places in the middle, rates before, inputs, parameters and step size.
-        """
+        """Rates after a step by the forces at its middle, and values accumulated over it."""
+        # Function of the places in the middle, rates before, inputs, parameters and step size.
         v, h, n_c = self.symbols[1], self.symbols[4], len(self.model.contacts)
         given: ca.SX = ca.SX.sym("impulses", n_c + len(self._row_contact))
         loose = v + h * self._free[self.n_q :]
@@ -372,10 +370,6 @@ class MoreauJean:
         report : callable, optional
             Receives the progress.
 
-        Returns
-        -------
-        StepRecord
-
         Raises
         ------
         ArgumentError
@@ -445,10 +439,6 @@ class MoreauJean:
         ----------
         x0, numbers : ndarray
             As for `stable_step`.
-
-        Returns
-        -------
-        float
         """
         return _SAFE * self.stable_step(x0, numbers)
 

@@ -76,30 +76,22 @@ class PeriodicOrbit:
         return bool(abs(self.multipliers[0]) < 1)
 
     def mean_rate(self, name: str) -> np.ndarray:
-        """Mean rate of a state over the period; for a position, the mean speed.
+        """Mean rate (size,) of a state over the period; for a position, the mean speed.
 
         Parameters
         ----------
         name : str
             Name of the state.
-
-        Returns
-        -------
-        ndarray, shape (size,)
         """
         return self._named((self.motion.end - self.start) / self.motion.end_time, name)
 
     def mean_rate_derivative(self, name: str) -> np.ndarray:
-        """Derivative of the mean rate of a state along the directions of ``motion``.
+        """Derivative (size, k) of the mean rate of a state along the directions of ``motion``.
 
         Parameters
         ----------
         name : str
             Name of the state.
-
-        Returns
-        -------
-        ndarray, shape (size, k)
 
         Raises
         ------

@@ -206,10 +206,8 @@ class Sharing:
 
 
 def _components(together: np.ndarray) -> np.ndarray:
-    """Members (bool) of every connected component, one per row, of symmetric pairs (n, n).
-
-    Everything is connected with itself. For few members this is faster than SciPy's search.
-    """
+    """Members (bool) of every connected component, one per row, of symmetric pairs (n, n)."""
+    # Everything is connected with itself. For few members this is faster than SciPy's search.
     while True:
         wider = together @ together
         if (wider == together).all():

@@ -305,10 +305,8 @@ def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
 
 
 def _sampled(task: InitialValueProblem, outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
-    """Times (m,) at which states are known, and the states (m, n).
-
-    A sample at the end of a motion is included, though rounding may end it a little earlier.
-    """
+    """Times (m,) at which states are known, and the states (m, n)."""
+    # A sample at the end of a motion is included, though rounding may end it a little earlier.
     if task.keep:
         before = outcome.kept[outcome.kept[:, 0] < outcome.t]
         return np.append(before[:, 0], outcome.t), np.vstack([before[:, 1:], outcome.x])

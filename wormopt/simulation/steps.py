@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -90,49 +90,6 @@ def floor_of_step(task: InitialValueProblem, t: float) -> float:
     return 8 * float(np.finfo(float).eps) * max(abs(t), 1e-3 * (task.span[1] - task.span[0]))
 
 
-class Stepper(Protocol):
-    """Interface of integrators in steps.
-
-    ``h`` is the largest length of the next step.
-    """
-
-    h: float
-    n_rejected: int
-    n_evaluations: int
-
-    def restart(self, t: float, x: np.ndarray) -> None:
-        """Continue from another state, or with other parameters or modes."""
-        ...
-
-    def attempt(self, stop: float) -> Step | None:
-        """Try a step not beyond `stop`; None if too inexact, and the next will be shorter.
-
-        Raises GivenUp if it would have to be too short.
-        """
-        ...
-
-    def redo(self, step: Step, length: float) -> Step:
-        """Keep only the first `length` of the step just attempted, which was too long.
-
-        It may end earlier if it is less accurate than the whole.
-        """
-        ...
-
-    def shorten(self, step: Step, factor: float) -> None:
-        """Reject the step just attempted; the next is `factor` times as long.
-
-        Raises GivenUp if that is too short.
-        """
-        ...
-
-    def accept(self, step: Step) -> None:
-        """Continue from the end of the step just attempted.
-
-        Raises GivenUp if the motion is too stiff.
-        """
-        ...
-
-
 # Steps are given up if stability alone would need this many more: some seconds.
 _STIFF_STEPS = 50_000
 _TINY = float(np.finfo(float).tiny)
@@ -155,7 +112,8 @@ class Explicit:
     """Steps of DOP853.
 
     Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.10.
-    Call `restart` after rewriting the parameters `p` or the modes.
+    Call `restart` after rewriting the parameters `p` or the modes. `h` is the largest length of the
+    next step. Steps that would have to be too short, and motions that are too stiff, raise GivenUp.
     """
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
@@ -429,10 +387,8 @@ class Stiff:
         return self._advance(self._solver, stop)
 
     def redo(self, step: Step, length: float) -> Step:
-        """Keep only the first `length` of the step just attempted, which was too long.
-
-        It may end earlier if it is less accurate than the whole.
-        """
+        """Keep only the first `length` of the step just attempted, which was too long."""
+        # It may end earlier if it is less accurate than the whole.
         stop = min(step.t + length, step.end)
         self._solver = None
         return self._advance(self._solver_from(step.t, step.x, stop, length), stop)
@@ -447,6 +403,9 @@ class Stiff:
     def accept(self, step: Step) -> None:
         """Continue from the end of the step just attempted."""
         self.h, self._t, self._x = step.h, step.end, step.x_new
+
+
+Stepper = Explicit | Stiff
 
 
 @lru_cache(maxsize=64)

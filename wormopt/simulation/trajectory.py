@@ -11,7 +11,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.labelled import SampledMotion
 from wormopt.model.schedule import Schedule
-from wormopt.numerics.expressions import at_columns
+from wormopt.numerics.expressions import at_rows
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import KINDS
 from wormopt.simulation.variation import Directions, variation
@@ -295,10 +295,6 @@ class Trajectory(SampledMotion):
         t : ndarray, shape (m,)
             Times, ascending.
 
-        Returns
-        -------
-        Trajectory
-
         Raises
         ------
         ArgumentError
@@ -348,21 +344,17 @@ class Trajectory(SampledMotion):
         return self.modes[np.maximum(row, 0), 1:].T
 
     def observe(self, expression: ca.SX) -> np.ndarray:
-        """Value of any expression of the model's symbols at the sample times.
+        """Value (k, m) of any expression of the model's symbols at the sample times.
 
         Parameters
         ----------
         expression : casadi.SX
             Column of k entries; it may contain contact forces.
-
-        Returns
-        -------
-        ndarray, shape (k, m)
         """
         return self.values(self.system.observe(expression))
 
     def values(self, function: ca.Function, *further: np.ndarray) -> np.ndarray:
-        """Values of a function of `System.observe` at the sample times.
+        """Values (k, m) of a function of `System.observe` at the sample times.
 
         In groups of samples, since parameters are repeated for each.
 
@@ -372,18 +364,14 @@ class Trajectory(SampledMotion):
             Function of (t, x, p, s), with one column as its result.
         *further : ndarray, shape (any, m)
             Arguments of the function after these, at the sample times.
-
-        Returns
-        -------
-        ndarray, shape (k, m)
         """
         found = np.empty((function.numel_out(0), len(self.time)))
         for k in range(0, len(self.time), _CHUNK):
             t, x = self.time[k : k + _CHUNK], self.states[:, k : k + _CHUNK]
             p = self.system.scheduled(self.p, self.schedules, t)
             more = [one[:, k : k + _CHUNK] for one in further]
-            values = at_columns(function, t[None, :], x, p, self.s_at(t), *more)
-            found[:, k : k + _CHUNK] = values
+            columns = (t[None], x, p, self.s_at(t), *more)
+            found[:, k : k + _CHUNK] = at_rows(function, *(one.T for one in columns))[0].T
         return found
 
     def stick_intervals(self) -> list[tuple[str, float, float]]:

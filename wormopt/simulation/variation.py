@@ -57,10 +57,8 @@ class Directions:
         nominal_p: np.ndarray,
         schedules: Sequence[Schedule],
     ) -> np.ndarray:
-        """Largest relative changes (k,) of each direction.
-
-        Values far below their nominal size may matter, and are taken to have that size.
-        """
+        """Largest relative changes (k,) of each direction."""
+        # Values far below their nominal size may matter, and are taken to have that size.
         size_p = np.where(np.abs(p) < _FAR_BELOW * nominal_p, nominal_p, np.abs(p))
         found = [self.x0 / nominal_x[:, None], self.p / size_p[:, None]]
         for schedule, along in zip(schedules, self.schedules, strict=True):

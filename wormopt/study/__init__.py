@@ -16,7 +16,6 @@ from wormopt.study.members import (
     signal,
     stage,
     value,
-    warning,
     warnings,
 )
 from wormopt.study.scene import Scene, load_scene, packaged_scenes
@@ -44,7 +43,6 @@ __all__ = [
     "signal",
     "stage",
     "value",
-    "warning",
     "warnings",
     "whole",
 ]

@@ -41,14 +41,13 @@ class Member(Generic[T]):
     compute: Method[T]
     role: Role
     quantity: str = ""
-    meaning: str = ""  # of checks and warnings: the message if the limit is exceeded
+    meaning: str = ""  # of checks: the message if the limit is exceeded
     dims: tuple[str, ...] = ()
     limit: float | str = 0.0  # a number, or the name of a member or key
     headline: bool = False
     headlines: tuple[str, ...] = ()  # of several
     when: str = ""  # member or key that it requires
     reported_as: str = ""  # name in results, if a key has the name of the method
-    neglected: bool = False  # a warning's number is the share that the theory neglects
     several: bool = False  # a mapping or a sequence, with names known after computing only
     declared: Mapping[str, tuple[Any, ...]] = field(
         default_factory=dict[str, tuple[Any, ...]]
@@ -106,7 +105,7 @@ class Member(Generic[T]):
         """Members and keys, which may be dotted, that its declaration refers to."""
         named = [self.when] if self.when else []
         named += [self.limit] if isinstance(self.limit, str) else []
-        if self.role in ("check", "warning") and not self.several:
+        if self.role == "check" and not self.several:
             fields_ = [
                 name for _, name, _, _ in Formatter().parse(self.meaning) if name is not None
             ]
@@ -178,16 +177,6 @@ def check(
     `limit` is a number, or the name of a member or key.
     """
     return _declare("check", quantity, advice, limit=limit, when=when, reported_as=name)
-
-
-def warning(
-    above: float, words: str, quantity: str = "", *, neglected: bool = False, when: str = ""
-) -> Declared[T]:
-    """A number that causes a warning above a limit.
-
-    `neglected`: it is the share that the theory neglects.
-    """
-    return _declare("warning", quantity, words, limit=above, neglected=neglected, when=when)
 
 
 def _several(role: Role) -> Any:

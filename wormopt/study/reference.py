@@ -202,7 +202,7 @@ def _of(field: msgspec.structs.FieldInfo) -> str:
     words = [describe(Union[tuple(numbers)])] if numbers else []  # noqa: UP007
     tables = [bare(part) for part in parts if tables_in(single(part))]
     listed = [get_origin(part) is tuple for part in tables]
-    words += ["a table"] if not words or False in listed else []
+    words += ["a table"] if False in listed else []
     words += ["a list of tables"] if True in listed else []
     return re.sub(r'("[^"]*")', r"`\1`", ", or ".join(words))
 

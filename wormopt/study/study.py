@@ -22,7 +22,7 @@ from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError
 from wormopt.lazy import load
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Check, Result, Status, Unchecked, left_out
+from wormopt.result import Check, Result, Status, Unchecked
 from wormopt.shown import brief, lines
 from wormopt.study.given import Given, bare, default_of, entry, tables_in
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
@@ -517,23 +517,15 @@ class Study(Given):
             limit = member.limit
             limit = self._value_of(limit) if isinstance(limit, str) else limit
             made = Check(member.reported_as.replace("_", " "), found, limit)
-            yield made if made.passed else replace(made, advice=self._worded(member, found, limit))
+            if not made.passed:
+                values = _Values(self, member, found, limit)
+                made = replace(made, advice=member.meaning.format_map(values))
+            yield made
 
         return self._gathered("check", of, names)
 
     def _warnings(self) -> list[str]:
-        def of(member: Member[Any], found: Any) -> Iterator[str]:
-            if member.several:
-                yield from found
-            elif found is not None and found > member.limit:
-                words = self._worded(member, found, member.limit)
-                yield left_out(found, words) if member.neglected else words
-
-        return self._gathered("warning", of)
-
-    def _worded(self, member: Member[Any], value: Any, limit: Any) -> str:
-        """Words of a check or warning with values and units of the names in it."""
-        return member.meaning.format_map(_Values(self, member, value, limit))
+        return self._gathered("warning", lambda _, found: found)
 
     def _value_of(self, path: str) -> Any:
         found: Any = self

@@ -104,10 +104,8 @@ def _set(inside: Any, keys: list[str], value: Any, name: str = "") -> None:
 
 
 def toml_text(table: Mapping[str, Any]) -> str:
-    """Write a table: its own keys first, then its tables and lists of tables.
-
-    Keys without a value are left out; lists contain no such values.
-    """
+    """Write a table: its own keys first, then its tables and lists of tables."""
+    # Keys without a value are left out; lists contain no such values.
     return "\n".join(_lines(_without_none(table), "")).strip() + "\n"
 
 

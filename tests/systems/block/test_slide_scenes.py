@@ -95,15 +95,6 @@ def test_nothing_is_said_of_equations_that_fix_variables(capfd: Capture):
     assert capfd.readouterr().err == ""
 
 
-def test_units_scale_the_answer():
-    # ten times the way and mass, forces a hundredfold: time by the root of their ratio
-    changes = ("end.position=10", "block.mass=10", "block.force=300", "block.friction.forward=100")
-    result = solved("slide", *changes, "block.friction.backward=200", 'units="SI"')
-    assert value(result, "time") == pytest.approx(math.sqrt(1.5), abs=1e-9)
-    assert result.scalars["time"].unit == "s"
-    assert result.scalars["input_peak"].unit == "N"
-
-
 @pytest.mark.parametrize("size", [1e-3, pytest.param(1e3, marks=pytest.mark.slow)])
 def test_the_least_effort_is_as_exact_in_other_units(size: float):
     forces = {"block.mass": 1, "block.force": 3, "block.friction.forward": 1}
@@ -280,19 +271,6 @@ def test_a_block_that_need_not_start_from_rest_needs_no_drive_that_could():
 def within(excess: float) -> float:
     """Part by which time may be off: the force that is left is a difference of rounded ones."""
     return max(1e-10, 8 * np.finfo(float).eps / excess)
-
-
-@pytest.mark.parametrize(
-    "digits", [2, 6, 9, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4, 5, 7, 8))]
-)
-def test_a_drive_just_above_friction_slides_as_fast_as_it_can(digits: int):
-    drive = 1 + 10.0**-digits
-    net = drive - 1
-    result = solved("slide", f"block.force={drive!r}")
-    assert result.status == "ok"
-    assert value(result, "time") == pytest.approx(
-        math.sqrt(2 * (1 / net + 1 / (drive + 1))), rel=within(net)
-    )
 
 
 VISCOUS = 'block.friction={kind="viscous", drag=1.0}'

@@ -1,6 +1,6 @@
 """The chain (8)-(12) against equations written by hand, Newton's laws and its energy balance."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, get_args
 
 import casadi as ca
@@ -9,9 +9,10 @@ import pytest
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from worms import worm
 
 from wormopt.errors import ArgumentError
-from wormopt.model.friction import Coulomb, Law, Spike, Stribeck
+from wormopt.model.friction import Coulomb, Spike, Stribeck
 from wormopt.model.given import fields_of
 from wormopt.model.model import Model, pack
 from wormopt.model.schedule import ParameterPath
@@ -20,12 +21,6 @@ from wormopt.systems.chain.loops import law_of
 from wormopt.systems.chain.tables import Friction
 
 seeds = st.integers(0, 10**6)
-NUMBERS: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
-DRY = Coulomb(1.0, 10.0)
-
-
-def worm(links: int, law: Law | Sequence[Law] | None = DRY, **numbers: Any) -> Model:
-    return chain(links, law=law, **(NUMBERS | numbers))
 
 
 def drawn(model: Model, seed: int) -> dict[str, np.ndarray]:
@@ -42,33 +37,6 @@ def value(model: Model, expression: ca.SX, at: dict[str, np.ndarray]) -> np.ndar
     symbols = [*(s.symbol for s in signals), model.forces]
     function = ca.Function("f", symbols, [expression])
     return np.array(function(*(at[s.name] for s in signals), at["force"])).ravel()
-
-
-@given(links=st.integers(1, 8), seed=seeds)
-def test_every_mass_obeys_newton_with_the_forces_shown(links: int, seed: int):
-    """m_i v_i' = external_i + mu_i - mu_{i+1} with mu_j = c (l - l0) + d l' - u, (8)."""
-    model = worm(links)
-    at = drawn(model, seed)
-    length, rate, spring, mu, power, energy, center, center_velocity = (
-        value(model, o.expression, at) for o in model.outputs
-    )
-    assert np.array_equal(length, -np.diff(at["position"]))  # (12)
-    assert np.array_equal(rate, -np.diff(at["velocity"]))
-    stretch = length - at["rest_length"]
-    assert np.array_equal(spring, at["stiffness"] * stretch + at["damping"] * rate)
-    assert np.array_equal(mu, spring - at["input"])
-    assert np.array_equal(power, at["input"] * rate)
-    external = at["force"] - at["drag"] * at["velocity"] - at["load"]
-    mu_closed = np.concatenate([[0.0], mu, [0.0]])
-    assert np.array_equal(
-        at["mass"] * value(model, model.ode, at)[links + 1 :],
-        external + mu_closed[:-1] - mu_closed[1:],
-    )
-    kinetic = at["mass"] @ at["velocity"] ** 2
-    assert energy[0] == (kinetic + at["stiffness"] @ stretch**2) / 2
-    total = at["mass"].sum()
-    assert center[0] == pytest.approx(at["mass"] @ at["position"] / total)
-    assert center_velocity[0] == pytest.approx(at["mass"] @ at["velocity"] / total)
 
 
 @given(links=st.integers(1, 8), seed=seeds)
@@ -189,20 +157,10 @@ def test_work_grows_linearly_with_the_links():
     [
         (lambda: worm(0), "not a positive integer; write at least 1"),
         (lambda: worm(2, mass=0.0), "mass must be positive"),
-        (lambda: worm(2, mass=float("nan")), "mass must be finite"),
         (lambda: worm(2, mass=[1.0, 2.0]), "mass must be one number or 3"),
         (lambda: worm(2, stiffness=-1.0), "stiffness must be 0 or above, not -1"),
-        (lambda: worm(2, damping=-1.0), "damping must be 0 or above, not -1"),
-        (lambda: worm(2, drag=-1.0), "drag must be 0 or above, not -1"),
         (lambda: worm(2, position=[0.0, 1.0]), "position must be one number or 3"),
-        (lambda: worm(2, mass="heavy"), "mass must be a number or a list of numbers, not 'heavy'"),
-        (lambda: worm(2.5), "links is 2.5, not a positive integer"),  # type: ignore[arg-type]
         (lambda: worm(2, law="coulomb"), "law contains 'coulomb', which is not a friction law"),  # type: ignore[arg-type]
-        (lambda: worm(2, law=Spike), "law contains <class .*, which is not a friction law"),  # type: ignore[arg-type]
-        (
-            lambda: worm(2, law=[Spike(), Spike(), 3.0]),  # type: ignore[arg-type]
-            r"law contains 3\.0, which is not a friction law",
-        ),
         (lambda: worm(2, law=[Spike()]), "law has 1 entries; give one law, or 3"),
         (
             lambda: worm(2, damping=ParameterPath(np.array([0.0, 1.0]), np.ones((1, 3, 1)))),

@@ -163,38 +163,19 @@ MASS, SPRING, DRAG, WHEEL = {MASS}, {SPRING}, {DRAG}, {WHEEL}
 """
 MODEL = """
 schema = 1
-[model]
-file = "plant.py:cart"
-output = "place"
-input = "push"
+model = { file = "plant.py:cart", output = "place", input = "push" }
 """
-COMPARE = (
-    f"kind = 'compare-tracking'{MODEL}"
-    """
-[[reference]]
-name = "reference"
-gait = { shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }
-[tube]
-radius = 0.1
-capture = 0.5
-[[tracker]]
-name = "(13)"
-feedback = "derivative"
-tube_radius = 0.1
-growth = 30.0
-[lqr]
-error_weight = 400.0
-[hardware]
-period = 0.01
-input_limit = 3.0
-[draws]
-members = 6
-spread = 0.2
-[time]
-end = 1.0
-samples = 501
+SINE = '{ shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }'
+TRACKER = 'feedback = "derivative", tube_radius = 0.1, growth = 30.0'
+COMPARE = f"""kind = "compare-tracking" {MODEL}
+reference = [{{ name = "reference", gait = {SINE} }}]
+tube = {{ radius = 0.1, capture = 0.5 }}
+tracker = [{{ name = "(13)", {TRACKER} }}]
+lqr.error_weight = 400.0
+hardware = {{ period = 0.01, input_limit = 3.0 }}
+draws = {{ members = 6, spread = 0.2 }}
+time = {{ end = 1.0, samples = 501 }}
 """
-)
 
 
 def scene(folder: Path, text: str, *changes: str, own: str = OWN) -> wo.Scene:
@@ -203,25 +184,11 @@ def scene(folder: Path, text: str, *changes: str, own: str = OWN) -> wo.Scene:
     return wo.load_scene(folder / "own.toml", list(changes))
 
 
-TRACK = (
-    f"kind = 'track'{MODEL}"
-    """
-[reference]
-gait = { shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }
-[[tracker]]
-feedback = "derivative"
-tube_radius = 0.1
-growth = 30.0
-[[tracker]]
-feedback = "filter"
-tube_radius = 0.1
-growth = 30.0
-filter_start = 0.0
-[time]
-end = 2.0
-samples = 101
+TRACK = f"""kind = "track" {MODEL}
+reference.gait = {SINE}
+tracker = [{{ {TRACKER} }}, {{ {TRACKER.replace("derivative", "filter")}, filter_start = 0.0 }}]
+time = {{ end = 2.0, samples = 101 }}
 """
-)
 
 
 def test_an_own_plant_is_tracked(tmp_path: Path):
@@ -244,46 +211,20 @@ def test_an_own_plant_is_tracked(tmp_path: Path):
     assert result.plot("trackers").axes
 
 
-OPTIMAL = (
-    f"kind = 'track-optimal'{MODEL}"
-    """
-[reference]
-gait = { shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }
-[tube]
-radius = 0.1
-capture = 0.5
-[objective]
-minimise = "error"
-input_weight = 1e-3
-[mesh]
-arcs = 60
-[time]
-end = 1.0
-samples = 101
+OPTIMAL = f"""kind = "track-optimal" {MODEL}
+reference.gait = {SINE}
+tube = {{ radius = 0.1, capture = 0.5 }}
+objective = {{ minimise = "error", input_weight = 1e-3 }}
+mesh.arcs = 60
+time = {{ end = 1.0, samples = 101 }}
 """
-)
-PREDICTIVE = (
-    f"kind = 'track-predictive'{MODEL}"
-    """
-[reference]
-gait = { shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }
-[tube]
-radius = 0.1
-capture = 0.5
-[predictive]
-period = 0.02
-horizon = 0.2
-input_weight = 1e-3
-v_reg = 0.1
-force = 6.0
-[plants]
-members = 2
-spread = 0.2
-[time]
-end = 1.0
-samples = 101
+PREDICTIVE = f"""kind = "track-predictive" {MODEL}
+reference.gait = {SINE}
+tube = {{ radius = 0.1, capture = 0.5 }}
+predictive = {{ period = 0.02, horizon = 0.2, input_weight = 1e-3, v_reg = 0.1, force = 6.0 }}
+plants = {{ members = 2, spread = 0.2 }}
+time = {{ end = 1.0, samples = 101 }}
 """
-)
 
 
 def least_cost(weight: float, arcs: int, end: float) -> float:
@@ -330,22 +271,12 @@ def test_predictive_control_of_an_own_plant_repeats_the_optimum(tmp_path: Path):
     assert result["drawn_cost"].values.shape == (4, 2)
 
 
-LINEAR = (
-    f"kind = 'linear'{MODEL}"
-    """
-[reference]
-gait = { shape = "sine", period = 2.0, rest_length = 0.0, amplitude = 0.3, lag = 0.0 }
-[tracker]
-feedback = "derivative"
-tube_radius = 0.1
-growth = 100.0
-[gains]
-count = 7
-[time]
-end = 12.0
-samples = 101
+LINEAR = f"""kind = "linear" {MODEL}
+reference.gait = {SINE}
+tracker = {{ {TRACKER.replace("30", "100")} }}
+gains.count = 7
+time = {{ end = 12.0, samples = 101 }}
 """
-)
 
 
 def test_linear_theory_of_an_own_plant(tmp_path: Path):
@@ -383,10 +314,8 @@ def test_linear_theory_refuses_other_plants(tmp_path: Path, old: str, new: str, 
 
 def test_results_of_an_own_plant_have_its_units(tmp_path: Path):
     turned = OWN.replace('"length", value=0.1', '"angle", value=0.1').replace('"force"', '"torque"')
-    text = (
-        TRACK.replace("[[tracker]]", "[tracker]", 1).split("[[tracker]]")[0] + "[time]\nend = 0.1"
-    )
-    result = wo.run(scene(tmp_path, text, 'units="SI"', own=turned))
+    one = f"tracker={{{TRACKER}}}"
+    result = wo.run(scene(tmp_path, TRACK, one, "time.end=0.1", 'units="SI"', own=turned))
     assert result["error_norm"].unit == "rad"
     assert result["input"].unit == "N m"
     assert result["input_rms"].unit == "N m"
@@ -412,11 +341,7 @@ def test_a_scene_compares_as_python_does(tmp_path: Path):
         (["model.output='v'"], "model.output", "relative degree below two"),
         (["model.parameters.m=1"], "model.parameters.m", "has no parameters"),
         (["reference.0.gait={shape='fast', period=2}"], "reference[0].gait.shape", "for all ent"),
-        (
-            ["reference.0.gait={shape='file', file='gait.csv'}"],
-            "reference[0].gait.file",
-            "output 1",
-        ),
+        (["reference.0.gait={shape='file', file='gait.csv'}"], "reference[0].gait.file", "output"),
         (["draws.parameters=['mass']"], "draws.parameters", "no parameter 'mass' to draw"),
         (["tracker.0.feedforward={}"], "tracker[0]", "feedforward has no stiffness"),
         (["tracker.0.input='rest_length'"], "tracker[0]", "actuator='force'"),
@@ -457,12 +382,7 @@ def wrong(rival: Any, entries: int = 1, **changes: Any) -> Any:
         (lambda plant, aim: None, {}, "'mine': the returned loop"),
         (lambda plant, aim: cart(), {}, "'mine': cart is not a loop around this cart"),
         (partial(wo.lqr, error_weight=-1.0), {}, "'mine': error_weight must be positive"),
-        (
-            partial(wo.lqr, error_weight=1.0),
-            {"spread": {"m": 1.0}},
-            "spread of m is 1.0; write",
-        ),
-        (partial(wo.lqr, error_weight=1.0), {"spread": "0.2"}, "spread of m is '0.2'; write"),
+        (partial(wo.lqr, error_weight=1.0), {"spread": {"m": 1.0}}, "spread of m is 1.0; write"),
         (partial(wo.lqr, error_weight=1.0), {"spread": {"c": 0.1}}, "no parameter 'c' to draw"),
         (partial(wo.lqr, error_weight=1.0), {"capture": 2.0}, "tube.capture"),
         (partial(wo.lqr, error_weight=1.0), {"output": "v"}, "relative degree below two"),
@@ -472,14 +392,6 @@ def wrong(rival: Any, entries: int = 1, **changes: Any) -> Any:
 def test_wrong_rivals_are_refused_by_name(rival: Any, changes: dict[str, Any], message: str):
     with pytest.raises(ArgumentError, match=re.escape(message)):
         wrong(rival, **changes)
-
-
-def test_a_rival_has_a_name():
-    plant = cart()
-    aim = wo.gait_reference(wo.travelling_sine(1, 2.0, 0.0, 0.3, 0.0), plant.t)
-    unnamed: Any = {1: partial(wo.lqr, error_weight=1.0)}
-    with pytest.raises(ArgumentError, match=r"names of rivals must be non-empty texts, not 1"):
-        wo.compare(plant, aim, unnamed, end=1.0, tube_radius=RADIUS, output="place", input="push")
 
 
 # -- fits and sweeps -------------------------------------------------------------------------------

@@ -222,8 +222,3 @@ def test_bounds_may_have_one_side(sided: dict[str, float]):
     course = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[3.0]], [[-3.0]]]))
     end = simulate(drive(bounded(1, **sided), course), 2.0).end
     assert end == pytest.approx([sided.get("upper", 3.0) + sided.get("lower", -3.0)])
-
-
-def test_inputs_without_bounds_are_not_cut():
-    driven = drive(worm(), CUBICS)
-    assert "saturated" not in [output.name for output in driven.outputs]

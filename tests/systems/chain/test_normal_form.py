@@ -179,31 +179,6 @@ def random_worm(seed: int) -> tuple[Model, dict[str, np.ndarray], np.random.Gene
 
 @patient
 @given(seed=seeds)
-def test_the_form_says_what_the_model_does(seed: int):
-    """y'' of the Model's own ode at a random state is b + Gamma u; both by hand as well."""
-    model, numbers, random = random_worm(seed)
-    links = len(numbers["stiffness"])
-    form = normal_form(model, output="length", internal=INTERNAL)
-    edges = np.eye(links, links + 1) - np.eye(links, links + 1, k=1)
-    x, v, f = (random.normal(size=links + 1) for _ in range(3))
-    u, p = random.normal(size=links), by_signal(model)
-    symbols = [pack(model.x), pack(model.u), pack(model.p), model.forces]
-    at = np.concatenate([x, v]), u, p, f
-    value = ca.Function("f", symbols, [model.ode, form.drift, form.gain, form.internal_rate])
-    ode, drift, gain, inner = (np.array(entry) for entry in value(*at))
-    mass = numbers["mass"]
-    by_hand = edges @ (edges / mass).T
-    assert gain == pytest.approx(by_hand, rel=1e-12, abs=1e-13)
-    assert np.linalg.eigvalsh(gain)[0] > 0
-    second = edges @ ode[links + 1 :, 0]
-    size = np.abs(second).max() + 1
-    assert drift[:, 0] + gain @ u == pytest.approx(second, abs=1e-11 * size)
-    ground = np.sum(f - numbers["drag"] * v - numbers["load"])
-    assert inner[:, 0] == pytest.approx([mass @ v / mass.sum(), ground / mass.sum()], rel=1e-9)
-
-
-@patient
-@given(seed=seeds)
 def test_gain_has_its_sign_and_zeros_are_those_of_the_zero_dynamics(seed: int):
     """The poles of the linearised zero dynamics are the invariant zeros of the linear chain."""
     model, numbers, random = random_worm(seed)
@@ -218,24 +193,6 @@ def test_gain_has_its_sign_and_zeros_are_those_of_the_zero_dynamics(seed: int):
     slowest = -numbers["drag"].sum() / numbers["mass"].sum()
     assert rest.poles[0].real <= slowest * (1 - 1e-9)
     assert whole.phase_kind == "minimum phase"
-
-
-@settings(max_examples=examples(6))
-@given(seed=seeds)
-def test_motions_with_lengths_held_approach_each_other(seed: int):
-    """|W1 - W2| falls at least like exp(-t sum k / sum m), if no friction falls."""
-    model, numbers, random = random_worm(seed)
-    still = normal_form(model, output="length", internal=INTERNAL).zero_dynamics()
-    rate = numbers["drag"].sum() / numbers["mass"].sum()
-    until = float(2.0 / rate)
-    times, starts = np.linspace(0, until, 9), random.normal(size=2)
-    motions = [
-        simulate(still, until, contact=Smooth(0.2), times=times, route="python",
-                 x0={"center_of_mass": 0.0, "center_velocity": start})["center_velocity"][0]
-        for start in starts
-    ]  # fmt: skip
-    apart = np.abs(motions[0] - motions[1])
-    assert np.all(apart <= apart[0] * np.exp(-rate * times) * (1 + 1e-7) + 1e-9)
 
 
 def test_held_lengths_are_followed_by_the_whole_chain():

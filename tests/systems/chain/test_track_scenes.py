@@ -363,16 +363,6 @@ def test_all_laws_of_friction(tmp_path: Path, friction: str, treatment: str):
     assert abs(result.trust["energy_balance"]["residual"]) < 1e-9
 
 
-def test_a_load_can_only_slow_the_worm_down(tmp_path: Path):
-    path = write(tmp_path, SIMULATE)
-    drive = 'actuation={law="harmonic", amplitude=0.8, period=2, lag=0.3}'
-    distances = [
-        value(wo.run(load_scene(path, [drive, f"worm.load={load}", "time.end=10"])), "distance")
-        for load in (-0.3, 0.0, 0.3)
-    ]
-    assert distances == sorted(distances, reverse=True)
-
-
 # -- models of one's own -------------------------------------------------------------------------
 
 
@@ -394,35 +384,6 @@ def test_what_the_file_prints_does_not_reach_stdout(
     out, err = capsys.readouterr()
     assert json.loads(out)["status"] == "ok"
     assert "loading" in err
-
-
-def test_the_magnetic_pair_as_a_model_of_ones_own(tmp_path: Path):
-    """MAG2 of docs/verification.md: 369 events, 5 sticking phases."""
-    own = """
-import casadi as ca
-import numpy as np
-from wormopt import Contact, Model, Signal
-from wormopt.model.friction import Coulomb
-
-def build(eps=0.036, delta=0.5):
-    t, x, v, f = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
-    g = 1 + ca.cos((np.sqrt(2) + eps * delta) * t)
-    ode = ca.vertcat(v, x[1] - x[0] - eps * g + f[0], x[0] - x[1] + eps * g + f[1])
-    law = Coulomb(0.5 * eps, eps)
-    contacts = [Contact(f"mass {i}", v[i], f[i], law) for i in range(2)]
-    states = [Signal("x", x, "length", value=0.0), Signal("v", v, "speed", value=0.0)]
-    return Model("pair", x=states, ode=ode, t=t, contacts=contacts)
-"""
-    path = write(tmp_path, MODEL.replace("end = 1.0", "end = 400.0"), own)
-    change = ["tolerance.relative=1e-13", "tolerance.absolute=1e-14", "tolerance.recheck=false"]
-    result = wo.run(load_scene(path, [*change, 'units="SI"']))
-    assert result.scalars["x_end"].value == pytest.approx([68.6821179593, 69.108214664], abs=1e-9)
-    assert result.scalars["v_end"].value == pytest.approx([-0.193705222, 0.7347495453], abs=1e-9)
-    assert (result.scalars["x_end"].unit, result.scalars["v_end"].unit) == ("m", "m s-1")
-    assert value(result, "n_events") == 369
-    assert result.trust["events"]["stick"] == 5
-    first = result["rest_contact"].values == 0
-    assert result["rest_start"].values[first][-1] == pytest.approx(9.562752, abs=1e-6)
 
 
 def test_names_that_meet_in_the_result_are_refused(tmp_path: Path):

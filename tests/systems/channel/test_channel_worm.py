@@ -1,18 +1,14 @@
 """Body in a channel: closed forms (32)-(36), scenes "channel-worm" and "segment-shapes"."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
-import hypothesis.strategies as st
 import msgspec
 import numpy as np
 import pytest
-from effort import examples
-from hypothesis import given, settings
 from outcomes import failed_checks, refusals, value
 from places import DOCS
 from scipy.integrate import quad
@@ -21,14 +17,12 @@ from scipy.special import ellipe
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
-from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.channel import channel_worm, segments
 from wormopt.systems.channel.closed_forms import (
     SHAPES,
     ChannelWorm,
-    arc_length,
     segment_count,
 )
 from wormopt.systems.channel.rod import distances, graph_curve
@@ -36,7 +30,7 @@ from wormopt.systems.channel.samples import SAMPLES
 from wormopt.systems.channel.segments import SLEEVE_RISE, exact_elastica
 
 SAMPLE_1, SAMPLE_2, CAPSULE = map(ChannelWorm.of, ("sample-1", "sample-2", "capsule"))
-# mm, by sympy to 20 digits in test_errata_channel.py and of the same integrals; counts by the
+# mm, by sympy to 20 digits in test_errata.py and of the same integrals; counts by the
 # nearest integer; velocities in mm per switch.
 REFERENCE = [
     (SAMPLE_1, (12.550570, 12.504597, 12.206556), (4, 4, 4), (1.457469, 1.431198, 1.260889)),
@@ -82,19 +76,6 @@ def test_counts_of_halves_and_of_arrays():
     x = ca.SX.sym("x")
     count = ca.Function("count", [x], [segment_count(x, 10.0)])
     assert [float(count(length)) for length in (24.0, 25.0)] == [2.0, 3.0]
-
-
-@settings(max_examples=examples(40))
-@given(slope=st.floats(1e-3, 10.0), pitch=st.floats(1e-3, 1e3))
-def test_arc_lengths_by_other_means(slope: float, pitch: float):
-    """scipy's elliptic integral; adaptive quadrature; Pythagoras."""
-    rise = slope * pitch
-    sine = 2 * pitch / math.pi * ellipe(-((math.pi * slope / 2) ** 2))
-    steep = lambda x: math.hypot(1, 6 * slope * x * (1 - x))  # noqa: E731
-    beam = pitch * quad(steep, 0, 1, epsabs=0, epsrel=1e-13)[0]
-    assert arc_length("sine", pitch, rise) == pytest.approx(sine, rel=1e-14)
-    assert arc_length("beam", pitch, rise) == pytest.approx(beam, rel=1e-12)
-    assert arc_length("line", pitch, rise) == pytest.approx(math.hypot(pitch, rise), rel=1e-14)
 
 
 def test_bodies_of_expressions():
@@ -285,6 +266,7 @@ def test_which_assumed_shape_is_closest():
     assert np.all(largest[3:, 0] < largest[3:, 1])
     # from the saved points themselves
     x, y = result["x"].values, result["y"].values
+    assert np.ptp([x, y], axis=1)[:, [0, -1]] == pytest.approx(np.zeros((2, 2)), abs=1e-12)
     seen = np.hypot(x[:, None] - x, y[:, None] - y)
     assert largest == pytest.approx(seen.max(axis=2), rel=1e-3)
     share = result["share"].values
@@ -354,34 +336,6 @@ test_wrong_capsules_are_told = refusals(
     measured=[{frequency=1.0, text="a"}] | measured[0].velocity
     """,
 )
-
-
-@pytest.mark.slow
-def test_the_kinds_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["list"]) == 0
-    listed = capsys.readouterr().out
-    scenes = ("fig19_channel_worm", "fig20_capsule", "segment_shapes")
-    assert all(name in listed for name in scenes)
-    assert main(["check", *scenes]) == 0
-    capsys.readouterr()
-    for name in scenes:
-        out = tmp_path / name
-        less = ["--set", "rod.elements=20"] if name == "segment_shapes" else []
-        assert main(["run", name, "-o", str(out), "--json", *less]) == 0
-        assert json.loads(capsys.readouterr().out)["status"] == "ok"
-        assert sum(path.stat().st_size > 20_000 for path in out.glob("*.png")) == 1
-        assert Result.load(out).status == "ok"
-
-
-def test_pictures():
-    (axes,) = figure(run("fig19_channel_worm"), "channel_velocity").axes
-    labels = axes.get_legend_handles_labels()[1]
-    assert "beam: 1.431 mm per switch" in labels
-    assert "sample 1: measured maximum, from the text: 78.9\xa0mm\xa0s$^{-1}$" in labels
-    drawn = figure(shaped(), "segment_shapes")
-    assert "sleeve (elastica): 12.69 mm" in drawn.axes[0].get_legend_handles_labels()[1]
-    facts = " ".join(text.get_text() for text in drawn.texts).replace("\n", "; ")
-    assert "closest to point contact: sine, 0.108 mm; closest to sleeve: sine, 0.161 mm" in facts
 
 
 def test_the_table_of_bodies():

@@ -4,11 +4,8 @@ import math
 from typing import Any
 
 import casadi as ca
-import hypothesis.strategies as st
 import numpy as np
 import pytest
-from effort import examples
-from hypothesis import given, settings
 from scipy.integrate import solve_ivp
 from scipy.special import gamma
 
@@ -94,33 +91,6 @@ def test_small_rises_give_the_beam():
         assert found.reaction == pytest.approx(12e-3, rel=1e-4)
         assert (found.length - 1) / 1e-6 == pytest.approx(0.6, rel=1e-4)
         assert found.energy == pytest.approx(6e-6, rel=1e-4)
-
-
-@settings(max_examples=examples(30))
-@given(delta=st.floats(1e-6, 1.5), closing=st.sampled_from(BOTH))
-def test_closed_forms_are_the_integrals_over_the_angle(delta: float, closing: Any):
-    """Curvature as a function of the angle, from the first integral, by quadrature."""
-    exact = ExactElastica(closing, delta)
-    top = math.pi / 2 - delta
-    V, N = exact.reaction, exact.tension
-
-    # Gauss's rule on parts of the logarithm of w: where the top is nearly upright the integrand
-    # changes by decades, and adaptive quadrature has been seen to miss a part of it unnoticed
-    edges = np.linspace(math.log(1e-13 * math.sqrt(top)), math.log(top) / 2, 201)
-    nodes, weights = np.polynomial.legendre.leggauss(20)
-    middles, halves = (edges[1:] + edges[:-1])[:, None] / 2, np.diff(edges)[:, None] / 2
-    w = np.exp(middles + halves * nodes)
-    middle = top - w * w / 2
-    # half the squared curvature at the angle top - w², differences as products
-    half_square = 2 * np.sin(w * w / 2) * (V * np.cos(middle) - N * np.sin(middle))
-
-    def over(weight: Any) -> float:
-        return float(2 * np.sum(halves * weights * 2 * w * w / np.sqrt(2 * half_square) * weight))
-
-    assert over(np.cos(top - w * w)) == pytest.approx(1, rel=1e-8)
-    assert over(np.sin(top - w * w)) == pytest.approx(exact.rise, rel=1e-8)
-    assert over(1.0) == pytest.approx(exact.length, rel=1e-8)
-    assert over(half_square) == pytest.approx(exact.energy, rel=1e-6)
 
 
 @pytest.mark.parametrize("closing", BOTH)

@@ -220,18 +220,3 @@ def test_what_is_not_to_be_trusted_says_so(monkeypatch: pytest.MonkeyPatch):
     result = wo.run(load_scene("segment_shapes", ["samples=21"]))
     assert (result.status, result.reason) == ("failed", "made up")
     assert made_up in result.checks
-
-
-@pytest.mark.slow
-def test_the_rod_is_drawn_with_its_forces():
-    result = quick()
-    drawn = figure(result, "segment_shapes")
-    above, _, below = drawn.axes
-    length = f"rod (in the field): {1e3 * value(result, 'arc_length')[-1]:.4g} mm"
-    assert length in above.get_legend_handles_labels()[1]
-    upper, lower = (1e3 * value(result, f"rod_force_{wall}") for wall in ("upper", "lower"))
-    assert f"force of the upper wall {upper:.4g} mN" in facts(drawn)
-    assert f"force of the lower wall {lower:.4g} mN" in facts(drawn)
-    closest = f"closest to rod: sine, {1e3 * value(result, 'closest_distance_rod'):.3g} mm"
-    assert closest in facts(drawn)
-    assert below.get_ylabel() == "distance from rod (mm)"

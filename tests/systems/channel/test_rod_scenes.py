@@ -278,12 +278,6 @@ def test_a_rod_in_a_travelling_field_goes_against_it_and_balances_its_energy():
     assert np.all(np.abs(crawl.motion.rubbed) <= 0.5 * crawl.motion.pressed + 1e-10)
 
 
-def test_without_a_field_nothing_moves():
-    still = case(coils={"ampere_turns": 1e-6})
-    assert np.ptp(still.mean_place) < 1e-12
-    assert still.point.velocity == pytest.approx(0.0, abs=1e-12)
-
-
 @pytest.mark.slow
 def test_the_worm_of_figure_21_goes_against_the_field_whatever_mesh_and_step():
     result = wo.run(wo.load_scene("fig21_rod_motion"))

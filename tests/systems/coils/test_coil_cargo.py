@@ -13,7 +13,6 @@ from scipy.integrate import solve_ivp
 
 import wormopt as wo
 from tests.oracles.by_riding import Ride
-from wormopt.errors import ArgumentError
 from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.model.model import Model
 from wormopt.simulation.options import Tolerance
@@ -110,13 +109,6 @@ def test_the_film_bears_what_pushes_the_float_at_second_order() -> None:
         gaps.append(abs(float(push) - float(pressed)) / abs(float(push)))
     assert np.log2(np.array(gaps[:-1]) / gaps[1:]) == pytest.approx(2.0, abs=0.3)
     assert gaps[-1] < 1e-4
-
-
-def test_hostile_floats_are_refused() -> None:
-    with pytest.raises(ArgumentError, match="mass must be a number above 0"):
-        Float(0.01, 0.0)
-    with pytest.raises(ArgumentError, match="longer than the float"):
-        Float(0.01, 1e-3, edge=0.02)
 
 
 def settled(cargo: Float, fluid: Fluid, cells: int = 120) -> np.ndarray:

@@ -18,7 +18,6 @@ from wormopt.magnetics.coils import Coil, CoilRow, field_by_quadrature
 from wormopt.magnetics.material import MU0
 from wormopt.magnetics.travelling import MovingProfile
 from wormopt.ocp.nlp import Ipopt
-from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.coils import coil_inverse, coil_row, row_currents
@@ -321,19 +320,3 @@ def test_coils_inside_the_fluid_are_those_that_the_line_meets(
         return
     with pytest.raises(SceneError, match="a coil inside the fluid"):
         load_scene(ROW, changes)
-
-
-@pytest.mark.slow
-def test_the_command_line_and_its_pictures(row: Result, inverse: Result, tmp_path: Path):
-    out = tmp_path / "out"
-    changes = ["--set", "coils.count=8", "--set", "line.margin=1"]
-    assert main(["run", ROW, "-o", str(out), "--quiet", *changes]) == 0
-    assert {p.name for p in out.iterdir()} == {"result.nc", "summary.json", "travelling_field.png"}
-    assert json.loads((out / "summary.json").read_text())["status"] == "ok"
-    spread, still, frame, _bar = figure(row, "travelling_field").axes
-    assert spread.get_ylabel() == "time $t$ (s)"
-    assert still.get_xlabel() == "position along the row (mm)"
-    assert frame.get_xlabel().endswith("rad)")
-    above, below = figure(inverse, "row_currents").axes
-    assert "wanted" in str([text.get_text() for text in above.get_legend().get_texts()])  # pyright: ignore
-    assert below.get_ylabel() == "current $I$ (ampere-turns)"

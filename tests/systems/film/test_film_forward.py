@@ -287,16 +287,6 @@ def test_a_file_that_holds_no_field_is_refused(tmp_path: Path, name: str, text: 
         run(tmp_path, f'field={{file="{name}"{variable}}}')
 
 
-@pytest.mark.slow
-def test_the_packaged_map():
-    result = wo.run(load_scene("film_basins"))
-    outcome = result["map_outcome"].values
-    assert outcome.shape == (9, 6)
-    assert (outcome[0] == 0).all()  # delta = 0.3: always the wave
-    assert outcome[2, 0] == 1  # delta = 0.5, W = 0.01: the drop
-    assert outcome[2, 2] == 0
-
-
 @pytest.mark.parametrize("tension", [1e3, 1e12])
 def test_a_film_of_large_tension_is_its_wave(tension: float) -> None:
     """Deviations decay at W / 5 or so: rates of change by round-off are then no error."""

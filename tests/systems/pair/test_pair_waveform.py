@@ -7,12 +7,12 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from outcomes import value
+from outcomes import refusals, value
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.control.drive import drive
-from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal
@@ -355,44 +355,24 @@ def test_aims_and_plants_that_cannot_be_are_refused():
 # -- scenes --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("change", "key", "message"),
-    [
-        ("pair.friction.forward=1.0", "pair.friction", "does not move forward"),
-        ("pair.friction.forward=[0.5, 0.5, 1]", "pair.friction.forward", "3 entries"),
-        ('pair.friction={kind="spike"}', "pair.friction.kind", 'write "coulomb"'),
-        ("pair.friction={forward=0.5, backward=1.0}", "pair.friction.kind", "missing"),
-        ("pair.friction.stick_forward=0.4", "pair.friction.stick_forward", "at least that force"),
-        ("limits.field=[2, 0]", "limits.field", "empty"),
-        ("limits.field=[1, 1]", "limits.field", "empty"),
-        ("limits.field=[-1, 1]", "limits.field[0]", "-1 is not allowed"),
-        ("limits.field=[1]", "limits.field", "two numbers"),
-        ("limits.frequency=[1.6, 1.5]", "limits.frequency", "empty"),
-        ("limits.frequency=[1.4, 1.5]", "limits.strain", "sqrt(2) = 1.41421"),
-        ("limits.frequency=1.4142135623730951", "limits.strain", "without bound"),
-        ("limits.frequency=[0.7, 0.75]", "limits.strain", "harmonic 2 of the field"),
-        ("limits.frequency=[0.4, 0.48]", "limits.strain", "sqrt(2) / 3 = 0.471405"),
-        ("objective={}", "objective", "no objective is given; write"),
-        (
-            'objective={minimise="work_per_distance"}',
-            "objective.speed",
-            "the cheapest motion is rest",
-        ),
-        ('objective={maximise="speed", speed=0.2}', "objective.speed", "leave it out"),
-        ('units="SI"', "units", '"dimensionless"'),
-        ('want=["signals"]', "want[0]", '"waveform"'),
-    ],
+test_wrong_scenes_are_refused_by_their_key = refusals(
+    NAME,
+    """
+    pair.friction.forward=1.0 | pair.friction | does not move forward
+    pair.friction.forward=[0.5, 0.5, 1] | pair.friction.forward | 3 entries
+    pair.friction={kind="spike"} | pair.friction.kind | write "coulomb"
+    pair.friction.stick_forward=0.4 | pair.friction.stick_forward | at least that force
+    limits.field=[1, 1] | limits.field | empty
+    limits.frequency=[1.4, 1.5] | limits.strain | sqrt(2) = 1.41421
+    limits.frequency=1.4142135623730951 | limits.strain | without bound
+    limits.frequency=[0.7, 0.75] | limits.strain | harmonic 2 of the field
+    limits.frequency=[0.4, 0.48] | limits.strain | sqrt(2) / 3 = 0.471405
+    objective={} | objective | no objective is given; write
+    objective={minimise="work_per_distance"} | objective.speed | the cheapest motion is rest
+    objective={maximise="speed", speed=0.2} | objective.speed | leave it out
+    units="SI" | units | "dimensionless"
+    """,
 )
-def test_wrong_scenes_are_refused_by_their_key(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, key: str, message: str
-):
-    with pytest.raises(SceneError) as caught:
-        load_scene(NAME, [change])
-    faults = caught.value.faults
-    assert any(where == key and message in text for where, text in faults), faults
-    assert main(["run", NAME, "-o", str(tmp_path / "out"), "--set", change]) == 2
-    assert f"{key}: " in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -407,10 +387,3 @@ def test_wrong_scenes_are_refused_by_their_key(
 def test_ranges_without_a_resonance_are_read(change: str):
     low, high = load_scene(NAME, [change]).table.limits.frequencies
     assert not any(low <= math.sqrt(2) / k <= high for k in range(1, 10))
-
-
-@pytest.mark.slow
-def test_the_scene_runs_and_draws(tmp_path: Path):
-    folder = tmp_path / "out"
-    assert main(["run", NAME, "-o", str(folder), "--quiet", "--set", "mesh.arcs=30"]) == 0
-    assert {path.name for path in folder.iterdir()} == {"result.nc", "summary.json", "waveform.png"}

@@ -136,17 +136,6 @@ def test_slides_dissipate_least(contacts: list[tuple[float, float, float]], shar
     assert min(map(dissipated, others.tolist())) >= least - 1e-9
 
 
-def test_the_inchworm():
-    """One segment off the wall between ideal anchors, drag 4 mN both ways."""
-    longest, shortest = SEGMENT.stretch_at(0.0, -4e-3), SEGMENT.stretch_at(PRESSURE, 4e-3)
-    stroke = SEGMENT.length * (longest - shortest)
-    front, rear = np.array([4e-3, 1.0]), np.array([1.0, 4e-3])  # drags while the other holds
-    grows = common_velocity(np.array([stroke, 0.0]), front, front)
-    shrinks = common_velocity(np.array([-stroke, 0.0]), rear, rear)
-    head = (stroke + grows[0]) + (-stroke + shrinks[0])
-    assert (grows, head) == ((0.0, 0.0), pytest.approx(0.53319386963e-3, abs=1e-14))
-
-
 def fastest_on_a_lattice(segments: int, anchors: int, levels: int) -> float:
     """Largest mean over cycles of gaits whose lengths change by 0 or a level in every step.
 

@@ -14,17 +14,14 @@ from scipy.optimize import brentq
 import wormopt as wo
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
-from wormopt.model.model import Model
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.result import Result
 from wormopt.study import load_scene
-from wormopt.systems.peristaltic.drag import displacement, drag_worm, rings
+from wormopt.systems.peristaltic.drag import displacement, drag_worm
 from wormopt.systems.peristaltic.drag_gaits import (
     DragAim,
-    area_matrix,
     best_gait,
-    cost_matrix,
     small_gaits,
     stationary,
 )
@@ -58,14 +55,6 @@ def effort(gait: Gait) -> float:
     return float(np.sum(gait.polynomial[:, :, 1] ** 2 * np.diff(gait.breaks)[:, None]))
 
 
-def at_rest(model: Model, exponent: float, expression: ca.SX) -> np.ndarray:
-    """Value of an expression with all lengths 1 and no rates."""
-    symbols = [model["length"], model["rate"], model["exponent"]]
-    n = model["length"].numel()
-    value = ca.Function("value", symbols, [ca.densify(expression)])(np.ones(n), 0, exponent)
-    return np.asarray(value)
-
-
 @pytest.mark.parametrize("segments", [2, 3, 5, 9])
 def test_drag_that_does_not_hang_on_length_moves_nothing(segments: int):
     model = drag_worm(segments, 0.0)
@@ -79,34 +68,6 @@ def test_drag_that_does_not_hang_on_length_moves_nothing(segments: int):
 @given(SEEDS, st.integers(2, 6))
 def test_no_gait_goes_anywhere_with_exponent_0(seed: int, segments: int):
     assert abs(displacement(random_gait(seed, segments), 0.0)) < 1e-14
-
-
-@pytest.mark.parametrize("exponent", [-2.0, -1.0, 0.7, 1.0])
-@pytest.mark.parametrize("segments", [2, 3, 6])
-def test_the_matrices_of_small_gaits_are_those_of_the_model(segments: int, exponent: float):
-    model = drag_worm(segments, exponent)
-    per_rate = ca.gradient(model["speed"], model["rate"])
-    slope = at_rest(model, exponent, ca.jacobian(per_rate, model["length"]))
-    turning = (slope - slope.T).T / 2  # of e^T slope^T e', what does not integrate to zero
-    assert turning == pytest.approx(exponent / segments * area_matrix(segments), abs=1e-15)
-    metric = at_rest(model, exponent, ca.hessian(model["dissipation"], model["rate"])[0]) / 2
-    assert metric == pytest.approx(cost_matrix(segments, "dissipation"), abs=1e-15)
-
-
-def test_the_drags_sum_to_zero_and_rings_keep_their_lengths():
-    model = drag_worm(4, -1.3, length=0.7)
-    symbols = [model["length"], model["rate"], model["exponent"], model["position"]]
-    places = rings(model["position"], model["length"])
-    turned = ca.jtimes(places, model["length"], model["rate"])
-    turned += ca.jtimes(places, model["position"], model["speed"])
-    found = ca.Function("found", symbols, [places, turned])
-    noise = np.random.default_rng(1)
-    lengths, rates = noise.uniform(0.5, 2, 4), noise.normal(size=4)
-    x, v = (np.asarray(part).ravel() for part in found(lengths, rates, -1.3, 0.2))
-    assert x[:-1] - x[1:] == pytest.approx(lengths)
-    assert np.mean((x[1:] + x[:-1]) / 2) == pytest.approx(0.2)
-    pull = lengths**-1.3 @ (v[1:] + v[:-1]) / 2
-    assert pull == pytest.approx(0, abs=1e-14)
 
 
 @settings(max_examples=examples(20))
@@ -231,6 +192,13 @@ def test_hardly_any_drag_of_length_fails_and_says_what_to_write():
     found = solved("drag.exponent=-1e-4", "worm.segments=2")
     assert found.status == "failed"
     assert "not resolve the solution; write a drag.exponent farther from 0" in found.reason
+
+
+@pytest.mark.slow
+def test_steep_drag_agrees_with_its_equations():
+    """Its lengths need polynomials of a higher degree."""
+    found = solved("drag.exponent=-3", "worm.segments=2")
+    assert found.status == "ok", found.reason
 
 
 def test_ways_as_small_as_efforts_are_found_as_sharply():

@@ -155,13 +155,6 @@ def test_limits_are_kept_and_cost_speed(limits: Limits, kept: Callable[[Switched
     assert 0 < found.worth < fastest().worth
 
 
-def test_one_coil_at_a_time():
-    found = search(TWO, SPEED, replace(FREE, together=1)).best
-    states, durations = found.lasting
-    assert not (states.sum(axis=1) > 1).any()
-    assert durations.sum() == pytest.approx(found.period, rel=1e-6)
-
-
 @pytest.mark.slow
 def test_thrift_against_speed():
     limits = Limits((0.1, 20.0))

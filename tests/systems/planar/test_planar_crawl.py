@@ -9,7 +9,6 @@ import pytest
 from effort import examples
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import minimize
 
 import wormopt as wo
 from tests.oracles.by_crawls import CIRCLE, SNAKE, THREE
@@ -20,15 +19,6 @@ from wormopt.systems.planar.planar_turn import TurnInPlace, swing_hold
 from wormopt.systems.planar.poses import inverse
 
 P = wo.planar
-
-
-@pytest.mark.slow
-def test_three_links_go_as_far_as_other_programs_say(cycle):
-    # theory note B6: |d|, work and turn from two other programs
-    x, y, turn = cycle.displacement
-    assert np.hypot(x, y) == pytest.approx(1.14837049, abs=6e-9)
-    assert abs(turn) < 1e-12
-    assert cycle.work == pytest.approx(17.0144757, abs=6e-8)
 
 
 @pytest.mark.slow
@@ -61,31 +51,6 @@ def _worm(seed: int, *, one_sided: bool = False):
         ahead, back, aside = rng.uniform(0.5, 3.0, 3)
         laws.append(Elliptic(ahead, back if one_sided else ahead, aside))
     return shape, laws, rng.uniform(-0.8, 0.8, n - 1), rng.uniform(-1, 1, n - 1)
-
-
-def _power(shape, laws, s, ds, twist):
-    """Power of the ground, by the kinematics alone."""
-    _, _, J, B = (np.array(part) for part in shape.kinematics(s))
-    v = (J @ twist + B @ ds).reshape(-1, 2)
-    pairs = zip(laws, v[:, 0], strict=True)
-    along = [law.forward if v_t >= 0 else law.backward for law, v_t in pairs]
-    rows = zip(along, laws, v, strict=True)
-    return sum(np.hypot(f * v_t, law.sideways * v_n) for f, law, (v_t, v_n) in rows)
-
-
-@settings(max_examples=examples(15))
-@given(st.integers(0, 10**6))
-def test_forces_and_moment_balance_and_no_other_twist_takes_less_power(seed):
-    shape, laws, s, ds = _worm(seed, one_sided=True)
-    motion = P.crawl_velocity(shape, laws, s, ds)
-    _, _, J, _ = (np.array(part) for part in shape.kinematics(s))
-    assert J.T @ motion.forces[0].ravel() == pytest.approx(np.zeros(3), abs=1e-7)
-    least = _power(shape, laws, s, ds, motion.twist[0])
-    assert motion.power[0] == pytest.approx(least, rel=1e-10)
-    for step in np.random.default_rng(seed).normal(size=(40, 3)) * np.logspace(-6, 0, 40)[:, None]:
-        assert _power(shape, laws, s, ds, motion.twist[0] + step) >= least * (1 - 1e-12)
-    other = minimize(lambda x: _power(shape, laws, s, ds, x), np.zeros(3), method="Nelder-Mead")
-    assert least <= other.fun * (1 + 1e-12)
 
 
 def changes(found: Crawl) -> np.ndarray:

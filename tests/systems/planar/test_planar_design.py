@@ -221,15 +221,8 @@ def test_what_makes_no_sense_is_refused():
             aim_of(THREE, WATER, **change)
     with pytest.raises(ArgumentError, match="to and fro"):
         PlanarAim(one, SNAKE, PlanarLimits())
-    for message, change in {
-        "is empty": {"angle": (1.0, -1.0)},
-        "above 0": {"length": (0.0, 1.0)},
-        "within ±π": {"angle": (-4.0, 1.0)},
-        "angle_rate": {"angle_rate": 0.0},
-        "not above the radius": {"half_width": 0.1, "radius": 0.2},
-    }.items():
-        with pytest.raises(ArgumentError, match=message):
-            PlanarLimits(**change)
+    with pytest.raises(ArgumentError, match="not above the radius"):
+        PlanarLimits(half_width=0.1, radius=0.2)
 
 
 test_scenes_say_what_is_wrong = refusals(

@@ -38,7 +38,7 @@ from wormopt.systems.planar.path.simulate import (
 from wormopt.systems.planar.path.steps import Family, GaitStep, Library, chained, gait_family
 from wormopt.systems.planar.path.task import Corridor, Cost, PathTask, Tolerance, cost_of
 from wormopt.systems.planar.pictures import path
-from wormopt.systems.planar.poses import compose, divided, inverse, travel_along
+from wormopt.systems.planar.poses import compose, divided, travel_along
 from wormopt.systems.planar.shape import chain_shape
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -278,29 +278,6 @@ def test_turned_and_mirrored_tasks_have_the_same_routes(seed: int):
     assert other.cost == pytest.approx(one.cost, rel=1e-12)
 
 
-@pytest.mark.slow
-@settings(max_examples=examples(3))
-@given(SEEDS)
-def test_the_path_does_not_hang_on_where_it_begins(seed: int):
-    noise = np.random.default_rng(seed)
-    middle = [library().families[k].make(0.75) for k in (0, 1, 3, 0)]
-    goal, disc = chained(np.zeros(3), middle)[-1], np.array([0.6, -0.6])
-    moved = np.array([*noise.uniform(-5, 5, 2), noise.uniform(-3, 3)])
-    found = []
-    for base in (np.zeros(3), moved):
-        centre = compose(base, [*disc, 0.0])[:2]
-        task = between_poses(
-            base, compose(base, goal), FINE, obstacles=[Disc((centre[0], centre[1]), 0.3)]
-        )
-        found.append(plan_path(task, library(), Tolerance(0.2, 0.2), cost="steps", most=2000))
-    one, other = found
-    assert one.route.steps == other.route.steps
-    back = compose(inverse(moved), other.poses)
-    off = back - one.poses
-    off[:, 2] = (off[:, 2] + np.pi) % (2 * np.pi) - np.pi
-    assert np.abs(off).max() < 1e-4  # amplitudes are a minimum: flat
-
-
 # -- steps that crawl ------------------------------------------------------------------------------
 
 
@@ -421,12 +398,6 @@ def test_steps_of_other_shapes_do_not_share_a_library():
     other = gait_family("other", WORM, (0.5, 0.6, 0.0), [(0.4, 0.4, 0.0)], (1.0,), held=AHEAD)
     with pytest.raises(ArgumentError, match="'other' does not begin and end in the shape"):
         Library((library().families[0], other))
-
-
-def test_a_start_in_its_goal_needs_no_step():
-    task = between_poses(np.zeros(3), np.array([0.0, 0.0, 2 * np.pi]), FINE)
-    path = plan_path(task, library(), NEAR, most=10)
-    assert path.steps == ()
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,6 @@ from wormopt.model.model import Model, pack
 from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.build import chain
 from wormopt.systems.planar.dynamics.chain import Axes, chain_places, planar_chain
 from wormopt.systems.planar.dynamics.motion import (
     closed_link,
@@ -74,8 +73,8 @@ def law_of(ground: str, rng: np.random.Generator) -> Any:
     }[ground]
 
 
-def draw(n: int, ground: str, seed: int, *, straight: bool = False) -> Worm:
-    """A worm that starts at rest, or moves as one where nothing holds it aside."""
+def draw(n: int, ground: str, seed: int) -> Worm:
+    """A worm that starts at rest."""
     rng = np.random.default_rng(seed)
     numbers = {
         name: rng.uniform(low, high, size)
@@ -85,19 +84,13 @@ def draw(n: int, ground: str, seed: int, *, straight: bool = False) -> Worm:
             ("bending_damping", 0.1, 1, n - 1),
         )
     }  # fmt: skip
-    bends = np.zeros(n - 1) if straight else rng.uniform(-0.5, 0.5, n - 1)
-    places = chain_places(numbers["rest_length"], bends)
-    torque = np.zeros((2, n - 1)) if straight else rng.uniform(-1.5, 1.5, (2, n - 1))
+    places = chain_places(numbers["rest_length"], rng.uniform(-0.5, 0.5, n - 1))
+    torque = rng.uniform(-1.5, 1.5, (2, n - 1))
     law, force = law_of(ground, rng), rng.uniform(-5, 5, (2, n))
     return Worm(numbers, law, force, torque, places, np.zeros_like(places))
 
 
-def worms(**fixed: Any) -> Any:
-    """Number of links, ground and seed of a worm."""
-    return st.builds(
-        lambda n, ground, seed: draw(n, ground, seed, **fixed),
-        st.integers(1, 4), st.sampled_from(GROUNDS), st.integers(0, 10**6),
-    )  # fmt: skip
+WORMS = st.builds(draw, st.integers(1, 4), st.sampled_from(GROUNDS), st.integers(0, 10**6))
 
 
 def end_of(worm: Worm) -> tuple[np.ndarray, list[tuple[str, str]], np.ndarray]:
@@ -116,7 +109,7 @@ def followed(model: Model, **options: Any) -> Trajectory:
 
 @pytest.mark.slow
 @settings(max_examples=examples(10))
-@given(worms(), st.floats(-3.1, 3.1), st.tuples(st.floats(-9, 9), st.floats(-9, 9)))
+@given(WORMS, st.floats(-3.1, 3.1), st.tuples(st.floats(-9, 9), st.floats(-9, 9)))
 def test_nothing_knows_where_x_points(worm: Worm, angle: float, shift: Any) -> None:
     """A worm that starts elsewhere and turned goes the same way, by the same events."""
     moved = replace(worm, places=rotated(worm.places, angle) + shift)
@@ -128,7 +121,7 @@ def test_nothing_knows_where_x_points(worm: Worm, angle: float, shift: Any) -> N
 
 @pytest.mark.slow
 @settings(max_examples=examples(10))
-@given(worms())
+@given(WORMS)
 def test_left_and_right_are_alike(worm: Worm) -> None:
     """The mirrored worm goes the mirrored way."""
     flip = [1.0, -1.0]
@@ -140,25 +133,7 @@ def test_left_and_right_are_alike(worm: Worm) -> None:
 
 @pytest.mark.slow
 @settings(max_examples=examples(10))
-@given(worms(straight=True))
-def test_a_straight_worm_is_the_worm_on_a_line(worm: Worm) -> None:
-    """Places to round-off of the integrator, and every event."""
-    law, axes = worm.law, isinstance(worm.law, Axes)
-    dry = law.along if axes else Coulomb(law.forward, law.backward)
-    numbers = {k: v for k, v in worm.numbers.items() if "bending" not in k}
-    force = Harmonics(np.zeros(worm.links), worm.force[:1], worm.force[1:])
-    line = chain(worm.links, **numbers, law=dry, position=worm.places[:, 0])
-    b = simulate(swing(line, PERIOD, {"input": force}), END, route="python")
-    a = followed(worm.model())
-    assert np.abs(a["position"][1::2]).max() < 1e-12
-    assert_allclose(a["position"][::2, -1], b["position"][:, -1], rtol=0, atol=1e-8)
-    told = [(e.name, e.kind) for e in a.events if not e.name.endswith("across")]
-    assert told == [(e.name + " along" * axes, e.kind) for e in b.events]
-
-
-@pytest.mark.slow
-@settings(max_examples=examples(10))
-@given(worms(), st.booleans())
+@given(WORMS, st.booleans())
 def test_energy_and_momentum_balance(worm: Worm, rods: bool) -> None:
     """Works are energy gained; the ground and nothing else moves the centre and turns the worm."""
     if rods:

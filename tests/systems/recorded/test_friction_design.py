@@ -13,8 +13,8 @@ from outcomes import refusals
 from places import ROOT
 
 import wormopt as wo
-from tests.judge_friction import judge, lengths_of
 from tests.oracles.by_gliding import Lengths, Played, Rubbing, play
+from tests.stress.judge_friction import judge, lengths_of
 from wormopt.cli import main
 from wormopt.errors import SolveError
 from wormopt.systems.spiked import Search

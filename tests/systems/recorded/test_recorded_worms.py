@@ -478,19 +478,11 @@ def test_a_fit_that_does_not_describe_its_data_is_not_accepted(
     assert size == pytest.approx(float(result["chi2_per_reading"].value) ** 0.5, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("units", "key", "what"),
-    [
-        ({"x0": "20 ms"}, "x0", '"20 ms" is not a unit of length; write m'),
-        ({"u0": "mm"}, "u0", '"mm" is not a unit of force; write N'),
-        ({"time": "-0.21 mm"}, "time", '"-0.21 mm" is not a unit of time; write s'),
-    ],
+test_units_of_other_quantities_are_refused = refusals(
+    "fit_chain",
+    """
+    recording.0.units={x0="20 ms"} | recording[0].units.x0 | is not a unit of length; write m
+    recording.0.units={u0="mm"} | recording[0].units.u0 | is not a unit of force; write N
+    recording.0.units={time="-0.21 mm"} | recording[0].units.time | not a unit of time; write s
+    """,
 )
-def test_units_of_other_quantities_are_refused_before_a_run(
-    units: dict[str, str], key: str, what: str
-):
-    with pytest.raises(SceneError) as refused:
-        load_scene("fit_chain", {"recording[0].units": units})
-    assert list(refused.value.faults) == [
-        (f"recording[0].units.{key}", f"{what}, or a multiple of it")
-    ]

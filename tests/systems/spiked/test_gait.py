@@ -45,13 +45,6 @@ def printed_gait(t: float, l0: float, e: float) -> tuple[float, float]:
     return first, l0 * (1 - 2 * e) if t < 2 / 3 else l0 * (1 - e * (1 + c))
 
 
-@settings(max_examples=examples(300))
-@given(t=st.floats(0, 1, exclude_max=True), e=st.floats(0, 0.5), l0=st.floats(0.1, 3))
-def test_gait_15_is_the_printed_formula(t: float, e: float, l0: float):
-    found = fast_gait(1.0, l0, e)(np.array([t]))[:, 0]
-    assert found == pytest.approx(printed_gait(t, l0, e), abs=1e-14)
-
-
 @given(t=st.floats(-20, 20), period=st.floats(0.1, 10))
 def test_gait_15_repeats(t: float, period: float):
     """Three half turns of 3 pi t fill a period, an odd number: t itself must be wrapped."""
@@ -193,21 +186,6 @@ def wave_of_harmonics() -> Gait:
     )
 
 
-def test_a_table_of_a_smooth_gait_converges_with_order_four(tmp_path: Path):
-    gait, t = wave_of_harmonics(), np.linspace(0, 1.6, 3001)
-    errors = []
-    for samples in (21, 41, 81, 161):
-        gait.to_csv(tmp_path / "gait.csv", samples)
-        back = load_gait(tmp_path / "gait.csv")
-        assert back.period == 1.6
-        for derivative in range(3):
-            assert np.abs(jumps(back, derivative)).max() < 1e-9
-        errors.append(np.abs(back(t) - gait(t)).max())
-    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all((slopes > 3.8) & (slopes < 4.2))
-    assert errors[-1] < 1e-8
-
-
 def test_the_rows_of_a_table_come_back_exactly(tmp_path: Path):
     gait = block_wave(3, 2, 0.7, (1.0, 1.4), "quintic")
     gait.to_csv(tmp_path / "gait.csv", 29)
@@ -256,6 +234,9 @@ def test_what_a_table_loses_is_at_most_what_theory_says(
     gait.to_csv(path, samples, derivatives=2, units="SI")
     back, t = Gait.from_csv(path), np.linspace(0, period, 997)
     assert (back.period, back.links) == (period, n)
+    for derivative in range(3):
+        scale = max(np.abs(back(t, derivative)).max(), 1)
+        assert np.abs(jumps(back, derivative)).max() < 1e-9 * scale
     bound = 5 / 384 * (omega * period / (samples - 1)) ** 4 * np.array(sizes)
     assert np.all(np.abs(back(t) - gait(t)).max(axis=1) <= bound + 1e-14)
 

@@ -9,14 +9,13 @@ import pytest
 from g1_worm import G1_LIMITS
 from outcomes import told_by_a_run
 
-from wormopt.errors import ArgumentError
 from wormopt.systems.spiked.certify.certificate import verify
 from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.construct import travelling_sine
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.design.sensitivity import scaling_error, sensitivities
-from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
+from wormopt.systems.spiked.gait_problem import Search, Worm
 
 MASSES, LOADS = (1.0, 2.0, 1.5), (0.5, 4.0, 9.0)
 OWN = Search(sequence=((0,), (1,), (2,)), effort="quick", workers=1)
@@ -98,45 +97,16 @@ def test_sensitivities_by_each_load_are_those_of_designs(
     assert known[name].raised == pytest.approx(slope, rel=0.05, abs=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("load", "message"),
-    [
-        ((0.0, 1.0, 2.0, 3.0), "Worm: load: 4 entries for 3 masses"),
-        ((0.0, -1.0, 2.0), r"Worm: load.1.: -1.* is not allowed"),
-        ((2.0, 1.0), "Worm: load: the range .2, 1. is empty"),
-    ],
-)
-def test_loads_that_fit_no_worm_are_refused(load: tuple[float, ...], message: str):
-    with pytest.raises(ArgumentError, match=message):
-        GaitProblem(Worm(2, load=load), G1_LIMITS)
-
-
 def test_a_robot_as_it_is_built_is_designed_on_its_slope_with_its_cable(tmp_path: Path, capsys):
-    scene = tmp_path / "robot.toml"
-    scene.write_text(
-        """
-schema = 1
-kind = "gait-design"
-units = "SI"
-[worm]
-links = 4
-mass = ["0.12 kg", "0.08 kg", "0.08 kg", "0.08 kg", "0.08 kg"]
-load = [0, 0, 0, 0, "0.3 N"]
-slope = "10 deg"
-[gait]
-period = ["0.5 s", "4 s"]
-length = ["30 mm", "60 mm"]
-rate = "60 mm/s"
-acceleration = "1 m/s^2"
-actuator_force = "3 N"
-[objective]
-maximise = "speed"
-[search]
-effort = "quick"
-sequence = [[0], [4]]
-"""
-    )
-    code, told = told_by_a_run(capsys, scene, tmp_path / "out")
+    changes = [
+        'units="SI"',
+        'worm={links=4, mass=[0.12, 0.08, 0.08, 0.08, 0.08], load=[0, 0, 0, 0, "0.3 N"],'
+        ' slope="10 deg"}',
+        'gait={period=["0.5 s", "4 s"], length=["30 mm", "60 mm"], rate="60 mm/s",'
+        ' acceleration="1 m/s^2", actuator_force="3 N"}',
+        'search={effort="quick", sequence=[[0], [4]]}',
+    ]
+    code, told = told_by_a_run(capsys, "design_fast_gait", tmp_path / "out", *changes)
     assert (code, told["status"]) == (0, "ok")
     mean = (0.3 + 0.44 * 9.80665 * np.sin(np.radians(10))) / 5
     assert told["scalars"]["lambda_mean"]["value"] == pytest.approx(mean, rel=1e-9)

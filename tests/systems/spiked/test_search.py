@@ -1,6 +1,5 @@
 """Searches for the best gait: cycles a period, symmetry, monotony, loads, costs."""
 
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -20,10 +19,7 @@ from wormopt.runner import attempt
 from wormopt.study import load_scene
 from wormopt.study.given import said_of
 from wormopt.systems.shared.sequences import (
-    Sequence_,
     canonical,
-    is_gait,
-    minimal,
     mirrored,
     neighbours,
     neighbours_at_both_ends,
@@ -38,10 +34,9 @@ from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.programs.program import WaveProgram
-from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
-from wormopt.systems.spiked.search.orders import first_orders, is_mirror_symmetric, letters_of
-from wormopt.systems.spiked.search.search import Known, Race, Start, search
+from wormopt.systems.spiked.search.orders import first_orders, is_mirror_symmetric
+from wormopt.systems.spiked.search.search import Known, search
 
 
 def least_peak(speed: float) -> Design:
@@ -61,13 +56,6 @@ def test_a_long_period_is_filled_by_the_cycles_that_suit_it(period: float):
     check(found)
     tiled = [design(G1_WORM, G1_LIMITS.vary(period=period / k), search=OWN).speed for k in (3, 4)]
     assert found.speed >= max(tiled) * (1 - 1e-9)
-
-
-@pytest.mark.slow  # test_search_ends.py searches all orders for a range of periods
-def test_a_search_of_all_orders_finds_them_too():
-    found = design(G1_WORM, G1_LIMITS.vary(period=4.0), search=Search(effort="quick"))
-    assert found.speed >= 0.86917
-    check(found)
 
 
 BEST_PERIOD, BEST_SPEED = 1.33923804728, 0.86944916
@@ -210,26 +198,6 @@ def test_changes_at_both_ends_keep_an_order_alike_at_both_ends():
     assert not [*neighbours_at_both_ends(((0,), (1,), (8,)), [(2,)], 3, 9)]
 
 
-UNEVEN = GaitProblem(
-    Worm(links=3, load=5.0),
-    Limits(
-        period=1.0,
-        length=((0.7, 1.3), (0.7, 1.1), (0.7, 0.9)),
-        rate=Rates(contraction=(1.0, 0.8, 0.6), extension=(1.4, 1.2, 1.0)),
-        acceleration=20.0,
-    ),
-)
-"""The waves to either side are not alike."""
-
-
-@cache
-def first_race() -> Race:
-    """Of the constructed orders."""
-    race = Race(UNEVEN, trial.Trier(UNEVEN), 1, silent, lambda _: None, 24)
-    race.enter(map(Start, first_orders(UNEVEN)))
-    return race
-
-
 @pytest.mark.slow
 def test_what_a_similar_search_varied_in_vain_is_not_varied_again():
     task = GaitProblem(Worm(2, load=5.0), G1_LIMITS, Objective("peak_spike_load", 0.3))
@@ -240,44 +208,12 @@ def test_what_a_similar_search_varied_in_vain_is_not_varied_again():
     assert again.trials[0].value == pytest.approx(first.trials[0].value, rel=1e-6)
 
 
-def test_a_resting_set_is_inserted_into_waves_in_both_directions():
-    """The best two orders, and the best of each number of phases, travel in one direction."""
-    race, wave = first_race(), ((0,), (1,), (2,), (3,))
-    varied = {race.canonical(v.sequence) for v in search_module._variations(race, Search(), 2)}
-    for word in (wave, wave[::-1]):
-        longer = [(*word[:k], s, *word[k:]) for k in range(4) for s in letters_of(UNEVEN)]
-        wanted = {race.canonical(word) for word in longer if is_gait(word)} - {*race.trials}
-        assert len(wanted) == 8
-        assert wanted <= varied
-
-
-def test_the_best_of_each_niche_is_varied_before_the_next():
-    def niche(word: Sequence_) -> tuple:
-        return travel(word, 4), minimal(word), len(word)
-
-    values = {t.sequence: t.value for t in first_race().ranking}
-    best = {travel(word, 4): word for word in reversed(values)}
-    parents = [word for _, (word, *_) in search_module._niches(first_race(), 4)]
-    assert len(parents) == 6
-    assert {*parents[:3]} == {*best.values()}
-    assert {*best} == {-1, 0, 1}
-    assert len({*map(niche, parents)}) == 6
-
-
 @pytest.mark.slow
 def test_a_long_worm_is_as_fast_as_the_best_known():
     """By an independent search, with the order (0)(2)(0)(12)(10)(12)."""
     found = design(Worm(links=12, load=5.0), G1_LIMITS, search=Search(workers=1))
     assert found.speed >= 3.850493
     check(found)
-
-
-def test_an_order_and_its_rotations_are_one():
-    speeds = [
-        kept(G1_WORM, G1_LIMITS, search=OWN.vary(sequence=G1_ORDER[k:] + G1_ORDER[:k])).speed
-        for k in range(3)
-    ]
-    assert speeds == pytest.approx([G1] * 3, abs=1e-12)
 
 
 @pytest.mark.slow
@@ -452,13 +388,9 @@ def test_a_smooth_cost_needs_one_load(cost):
 def test_a_peak_load_by_hand():
     """Theory: G1's order needs 585/23 for a speed of 0.75."""
     found = least_peak(0.75)
+    check(found)
     assert found.motion.extremes("reaction")[1].max() == pytest.approx(585 / 23, abs=1e-9)
     assert found.speed == pytest.approx(0.75, abs=1e-9)
-
-
-@pytest.mark.parametrize("speed", [0.69, 0.75])
-def test_the_gait_of_a_least_peak_keeps_its_limits(speed: float):
-    check(least_peak(speed))
 
 
 def test_peaks_rise_with_the_speed_that_is_asked_for():

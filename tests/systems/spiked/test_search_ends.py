@@ -131,12 +131,7 @@ def test_a_design_stopped_before_any_gait_is_no_design(monkeypatch):
     ("changed", "said"),
     [
         # 7 of the 15 that two spikes at rest share: 1/2 is missing on either, and a little to move
-        pytest.param(  # test_design.py has it in fast runs
-            {"spike_load": 7.0}, "limits.spike_load larger by 0.501;", marks=pytest.mark.slow
-        ),
-        pytest.param(
-            {"spike_load": 1.0}, "limits.spike_load larger by 6.51;", marks=pytest.mark.slow
-        ),
+        pytest.param({"spike_load": 7.0}, "spike_load larger by 0.501;", marks=pytest.mark.slow),
         ({"sigma_margin": 6.0}, "limits.sigma_margin smaller by 1.01;"),
     ],
 )
@@ -230,24 +225,13 @@ JUMPS = {"acceleration": None, "impulses": True}
 @pytest.mark.parametrize(
     ("part", "given", "said"),
     [
-        ("worm", {"links": 2.0}, "Worm: links: 2.0 is not allowed; write a whole number from 1 to"),
-        ("worm", {"mass": 10**400}, "Worm: mass: 1"),
         ("worm", {"mass": [1, 1]}, "Worm: mass: 2 entries for 3 masses; write one number for all"),
-        ("worm", {"drag": [0.1]}, "Worm: drag: [0.1] is not allowed; write a finite number, 0 or"),
-        ("worm", {"drag": X}, 'Worm: drag: "{x} {0}" is not allowed; write a finite number, 0 or'),
         ("limits", {"resting": 3}, "GaitProblem: limits.resting: 3 resting masses leave a worm of"),
-        ("limits", {"length": 0.7}, "Limits: length: 0.7 is not allowed; write [smallest,"),
-        ("limits", {"length": (0.7, X)}, 'Limits: length[1]: "{x} {0}" is not allowed; write'),
-        ("limits", {"rate": X}, 'Limits: rate: "{x} {0}" is not allowed; write a table with'),
         ("limits", {"rate": [1.0, X]}, 'Limits: rate[1]: "{x} {0}" is not allowed; write a table'),
-        ("limits", {"sharing": X}, 'Limits: sharing: "{x} {0}" is not allowed; write "equal" or'),
         ("limits", {"acceleration": None}, "GaitProblem: limits.acceleration: missing, so"),
         ("limits", JUMPS | {"spike_load": 20.0}, "GaitProblem: limits.impulses: true, but an"),
-        ("search", {"effort": X}, 'Search: effort: "{x} {0}" is not allowed; write "quick",'),
         ("search", {"sequence": [0, 1]}, "Search: sequence[0]: 0 is not allowed; write a list of"),
         ("search", {"sequence": []}, "search.sequence: fewer than two phases; write at least two"),
-        ("search", {"sequence": [[0.5], [1]]}, "Search: sequence[0][0]: 0.5 is not allowed; write"),
-        ("search", {"sequence": [["0"], [1]]}, 'Search: sequence[0][0]: "0" is not allowed; write'),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_refused_with_what_to_write(part: str, given: Any, said: str):

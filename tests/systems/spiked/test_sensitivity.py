@@ -10,7 +10,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import wormopt as wo
-from wormopt.cli import main
 from wormopt.errors import ArgumentError
 from wormopt.numerics.bilinear import Climb
 from wormopt.pictures import draw
@@ -124,21 +123,6 @@ def test_where_more_limits_meet_than_need_to_no_single_one_helps():
 
 
 @pytest.mark.slow
-def test_g1_solved_again():
-    found = design(G1_WORM, G1_LIMITS)
-    assert_confirmed(found)
-    rate = next(limit for limit in limits_of(found.task) if limit.name == "limits.rate")
-    again = designed_again(found, rate, 1e-3) - designed_again(found, rate, -1e-3)
-    known = by_name(sensitivities(found))
-    assert known["limits.rate"].derivative == pytest.approx(again / 2e-3, rel=0.01)
-
-
-@pytest.mark.slow
-def test_spike_limit_solved_again():
-    assert_confirmed(design(G1_WORM, G1_LIMITS.vary(spike_load=27.0)))
-
-
-@pytest.mark.slow
 def test_cost_solved_again():
     """Of a cost, which ways are better is turned round; so is the required speed."""
     search = Search(sequence=((0,), (1,), (0, 1), (1,), (2,)), effort="quick")
@@ -225,18 +209,6 @@ def test_scene_tells_what_binds(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_a_picture_of_what_smooth_costs_do_not_have_is_left_out(tmp_path, capsys):
-    cost = 'objective={minimise="energy_per_distance", speed=0.3}'
-    own = ["--set", cost, "--set", "search.sequence=[[0],[2]]", "--set", 'want=["limits"]',
-           "--set", 'search.effort="quick"']  # fmt: skip
-    assert main(["run", "design_fast_gait", "-o", str(tmp_path / "o"), *own]) == 0
-    assert (
-        "limits.png left out: the result has no scalar or variable 'limit_elasticity', see"
-        in capsys.readouterr().err
-    )
-
-
-@pytest.mark.slow
 def test_smooth_costs_have_none():
     search = Search(sequence=((0,), (1,)), effort="quick", workers=1)
     found = design(Worm(1, load=5.0), G1_LIMITS, "acceleration_effort", 0.3, search)
@@ -246,14 +218,12 @@ def test_smooth_costs_have_none():
 
 
 @pytest.mark.slow
-def test_drag_solved_again():
-    assert_confirmed(design(G1_WORM.vary(drag=0.5), G1_LIMITS))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("worm", "limits"),
     [
+        (G1_WORM, G1_LIMITS),
+        (G1_WORM, G1_LIMITS.vary(spike_load=27.0)),
+        (G1_WORM.vary(drag=0.5), G1_LIMITS),
         (
             Worm(2, load=9.49),
             Limits(1.54, (0.606, 0.862), rate=1.68, acceleration=67.7, spike_load=114.0),
@@ -282,7 +252,7 @@ def test_drag_solved_again():
         ),
     ],
 )
-def test_random_problems_solved_again(worm: Worm, limits: Limits):
+def test_problems_solved_again(worm: Worm, limits: Limits):
     assert_confirmed(design(worm, limits))
 
 

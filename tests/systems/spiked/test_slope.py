@@ -80,10 +80,7 @@ def test_level_ground_says_nothing():
     [
         ("fast_gait", {"worm.slope": 0.1}, "worm.gravity", "missing"),
         ("spiked_chain", {"worm.slope": "5 deg"}, "worm.gravity", "missing"),
-        ("fast_gait", SI | {"worm.slope": "-1 deg"}, "worm.slope", "0 to pi/2"),
-        ("fast_gait", SI | {"worm.slope": "100 deg"}, "worm.slope", "0 to pi/2"),
         ("fast_gait", SI | {"worm.slope": 6}, "worm.slope", ', for example "6 deg"'),
-        ("fast_gait", SI | {"worm.slope": "10 mm"}, "worm.slope", '"45 deg" or 0.785398'),
         ("compare_tracking", SI | {"worm.slope": 0.1}, "worm.slope", "drawn masses"),
     ],
 )

@@ -11,6 +11,8 @@ import pytest
 from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from smooth_gaits import hermite_gait
 from stepping import counted
 
 from wormopt.errors import ArgumentError, SolveError
@@ -38,19 +40,12 @@ def motor(travel: float = 0.01, hysteresis: float = 0.05, **limits: Any) -> Step
 def gaits(draw: st.DrawFn) -> Gait:
     """Closed C1 gaits: cubics between random lengths and rates, some of them at rest."""
     links, pieces = draw(st.integers(1, 3)), draw(st.integers(2, 5))
-    number = st.floats(0.5, 1.5)
-    value = np.array([[draw(number) for _ in range(links)] for _ in range(pieces)])
-    rate = np.array([[draw(st.floats(-2, 2)) for _ in range(links)] for _ in range(pieces)])
-    width = np.array([draw(st.floats(0.1, 1.0)) for _ in range(pieces)])
-    rest = draw(st.booleans())
-    if rest:
+    value = draw(arrays(float, (pieces, links), elements=st.floats(0.5, 1.5)))
+    rate = draw(arrays(float, (pieces, links), elements=st.floats(-2, 2)))
+    widths = draw(st.lists(st.floats(0.1, 1.0), min_size=pieces, max_size=pieces))
+    if draw(st.booleans()):
         value[1 % pieces], rate[0], rate[1 % pieces] = value[0], 0.0, 0.0
-    after, rate_after = np.roll(value, -1, axis=0), np.roll(rate, -1, axis=0)
-    h = width[:, None]
-    square = (3 * (after - value) / h - 2 * rate - rate_after) / h
-    cube = (2 * (value - after) / h + rate + rate_after) / h**2
-    powers = np.stack([value, rate, square, cube], axis=2)
-    return Gait(np.concatenate([[0.0], np.cumsum(width)]), powers)
+    return hermite_gait(widths, value, rate)
 
 
 # -- step times ----------------------------------------------------------------------------------
@@ -229,11 +224,6 @@ def test_gaits_that_are_too_fast_are_refused_with_the_period_that_is_not():
     assert fast.acceleration_max.tolist() == [0.0, 0.0]
     just = motor(start_rate=120.0 * (1 + 1e-12), **ramped)
     assert step_times(corners, just).counts.tolist() == [80, 80]
-
-
-def test_a_motor_that_starts_faster_than_it_turns_is_refused():
-    with pytest.raises(ArgumentError, match="start_rate: 7 is above"):
-        Stepper(lead=1.0, steps_per_turn=200, rate_max=5.0, start_rate=7.0)
 
 
 # -- the worm on its bristles --------------------------------------------------------------------

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from outcomes import value
+from outcomes import refusals, value
 from stepping import counted
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.gait import Gait
-from wormopt.pictures import figure
 from wormopt.result import Result
 from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.spiked.construct import fast_gait, gait_of_result
@@ -109,29 +108,18 @@ def test_a_result_that_leaves_the_gait_fails(monkeypatch: pytest.MonkeyPatch):
     assert fault.value == result.trust["replay"]["error_in_steps"] > fault.limit
 
 
-@pytest.mark.parametrize(
-    ("change", "key", "said"),
-    [
-        ("motor.start_rate=6", "motor.start_rate", "above motor.rate_max = 5"),
-        ('units="dimensionless"', "units", "SI"),
-        ("bristles.settle_time=18", "bristles.settle_time", "not below the period"),
-        ("worm.links=3", "gait.shape", "2 links"),
-    ],
+test_scenes_that_cannot_be_are_refused = refusals(
+    SCENE,
+    """
+    motor.start_rate=6 | motor.start_rate | above motor.rate_max = 5
+    units="dimensionless" | units | SI
+    bristles.settle_time=18 | bristles.settle_time | not below the period
+    worm.links=3 | gait.shape | 2 links
+    tick=1e-3 | tick
+    tick=1e-9 | tick
+    motor.microsteps=2000 | motor.microsteps
+    """,
 )
-def test_scenes_that_cannot_be_are_refused(change: str, key: str, said: str):
-    with pytest.raises(SceneError) as caught:
-        load_scene(SCENE, [change])
-    assert (key, True) in [(k, said in text) for k, text in caught.value.faults]
-
-
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [("tick=1e-3", "tick"), ("tick=1e-9", "tick"), ("motor.microsteps=2000", "motor.microsteps")],
-)
-def test_what_shows_only_later_is_a_fault_of_the_scene_too(change: str, key: str):
-    with pytest.raises(SceneError) as caught:
-        wo.run(load_scene(SCENE, [change]))
-    assert [k for k, _ in caught.value.faults] == [key]
 
 
 def test_strokes_below_a_step_move_no_motor():
@@ -179,17 +167,6 @@ def test_reversals_faster_than_the_motor_starts_are_told(changes: list[str], war
     if warned:
         assert len(told) == 2
         assert f"{1 / (interval * rate[0]):.3g} times as fast" in told[0]
-
-
-def test_the_picture_shows_commands_limits_and_motion(prototype: Result):
-    drawn = figure(prototype, "steps")
-    _, rates, places, turn = drawn.axes
-    assert any("quantisation error" in text.get_text() for text in drawn.texts)
-    assert "$l_0$" in turn.get_ylabel()
-    assert "µm" in turn.get_ylabel()
-    levels = {float(np.ravel(line.get_ydata())[0]) for line in rates.get_lines()[2:]}
-    assert levels == {5.0, -5.0, 0.5, -0.5}
-    assert len(places.get_lines()) == 6
 
 
 # -- motors as limits of a design ----------------------------------------------------------------

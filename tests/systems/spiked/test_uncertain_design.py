@@ -1,11 +1,11 @@
 """Gaits on measured numbers: their worst case against scipy's crawler, and on drawn worms."""
 
-import judge_fit
 import numpy as np
 import pytest
 
 import wormopt as wo
 from tests.oracles.by_crawling import Crawler, FastGait
+from tests.stress import judge_fit
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.systems.spiked import Believed, Search, design_believed
 from wormopt.systems.spiked.design.uncertain import needed_widths

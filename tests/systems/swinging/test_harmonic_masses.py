@@ -92,14 +92,9 @@ def test_steady_motions_scale_with_the_common_factor_and_not_with_frequency_and_
         ({"cosines": [[1.0, 0.5], [-1.0, -0.4]], "sines": np.zeros((2, 2))}, "harmonic 2"),
         ({"sines": [0.0, 0.0, 0.0]}, "must have the same shape, not (2, 1) and (3, 1)"),
         ({"cosines": [0.0, 0.0]}, "all relative velocities are 0"),
-        ({"cosines": [1.0, math.nan]}, "finite numbers, one row per mass"),
-        ({"cosines": "fast"}, "must be a number or a list of numbers"),
         ({"cosines": np.zeros((2, 2, 2))}, "one row per mass"),
         ({"mass": [1.0, 1.0, 1.0]}, "one positive number, or 2"),
-        ({"mass": -1.0}, "one positive number, or 2"),
-        ({"frequency": 0.0}, "frequency must be positive"),
         ({"law": [COULOMB]}, "law has 1 entries"),
-        ({"law": 0.1}, "not a friction law"),
     ],
 )
 def test_worms_that_cannot_be_are_refused(changes: dict[str, Any], message: str):
@@ -164,10 +159,8 @@ def test_equal_laws_fulfil_the_sum_of_arcs():
     ("amplitude", "law", "message"),
     [
         ([1.0, 0.0], COULOMB, "amplitudes must be positive"),
-        ([], COULOMB, "amplitudes must be positive"),
         ([1.0, 1.0], Viscous(1.0), "closed form needs dry friction"),
         ([1.0, 1.0], Coulomb(0.0, 1.0), "friction must act in both directions"),
-        ([1.0, 1.0], Coulomb(1.0, 0.0), "friction must act in both directions"),
         ([1.0, 1.0], [COULOMB], "law has 1 entries"),
     ],
 )

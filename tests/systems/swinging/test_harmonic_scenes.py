@@ -233,14 +233,6 @@ def test_units_and_masses_scale_the_answer():
     assert large.scalars["power_mean"].unit == "W"
 
 
-@pytest.mark.slow
-def test_a_run_saves_its_picture(tmp_path: Path):
-    folder = tmp_path / "out"
-    assert main(["run", SCENE, "-o", str(folder), "--quiet"]) == 0
-    assert (folder / "reversals.png").stat().st_size > 10_000
-    assert Result.load(folder)["relative_velocity"].values.shape == (3, 721)
-
-
 # -- failures --------------------------------------------------------------------------------------
 
 

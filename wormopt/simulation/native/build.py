@@ -47,10 +47,8 @@ class CompilerError(Exception):
 
 @cache
 def compiler() -> tuple[str, ...] | None:
-    """Command of the C compiler: ``$CC``, the system's, or that of the package ziglang.
-
-    On Windows the system's compiler is not used: GCC misaligns vectors there (GCC bug 54412).
-    """
+    """Command of the C compiler: ``$CC``, the system's, or that of the package ziglang."""
+    # On Windows the system's compiler is not used: GCC misaligns vectors there (GCC bug 54412).
     named = os.environ.get("CC", "").strip()
     if named:
         words = [named] if shutil.which(named) else named.split()  # C:\Program Files\... is one

@@ -273,10 +273,8 @@ def _writers(operations: np.ndarray, places: np.ndarray) -> np.ndarray:
 def _placed(
     groups: _Groups, operations: np.ndarray, places: np.ndarray, given: np.ndarray
 ) -> tuple[list[tuple[str, str, np.ndarray]], int]:
-    """Arrays, shapes and rows, level by level, with w filled without gaps; and the size of w.
-
-    A row is an instruction, the entry that it writes and those that it reads.
-    """
+    """Arrays, shapes and rows, level by level, with w filled without gaps; and the size of w."""
+    # A row is an instruction, the entry that it writes and those that it reads.
     entry = np.full(len(operations), -1)  # of inputs, outputs and entries of w
     for op, column in ((ca.OP_INPUT, 2), (ca.OP_OUTPUT, 1)):
         entry[operations == op] = places[operations == op, column]
@@ -391,10 +389,8 @@ def _right_hand_side(rhs: ca.Function, text: str) -> str:
 
 
 def _generated(functions: Sequence[ca.Function]) -> str:
-    """CasADi's code of functions, without checks for absent arguments.
-
-    The compiler's time grows quadratically with the length of a function: long ones are split.
-    """
+    """CasADi's code of functions, without checks for absent arguments."""
+    # The compiler's time grows quadratically with the length of a function: long ones are split.
     text = _dumped(functions, avoid_stack=False)
     if any(len(body[3].splitlines()) >= _TOO_LONG for body in _BODY.finditer(text)):
         text = _dumped(functions, avoid_stack=True)

@@ -109,8 +109,8 @@ class CompareTracking(Rivals, kind="compare-tracking"):
         "tables `[[reference]]`: gaits to follow; known plants use the first"
     )
     tracker: tuple[Tracker, ...] = entry(
-        "tables `[[tracker]]`: controllers that do not know the plant; their `tube_radius` is "
-        "`tube.radius`"
+        "tables `[[tracker]]`: controllers that do not know the plant; `tube_radius` of each must "
+        "equal `tube.radius`"
     )
     lqr: LqrWeights | None = entry(
         "LQR with feed-forward, also around the optimal inputs; default: none", default=None

@@ -17,7 +17,7 @@ from wormopt.ocp.contact import Complementarity, Regularised, SwitchDetection
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Curve, Guess, Motion
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
-from wormopt.ocp.optimise import Contacts, Level, Optimum, optimise
+from wormopt.ocp.optimise import Contacts, Optimum, optimise
 from wormopt.ocp.switching import optimise_switching_times, structure_of
 from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report, silent
@@ -74,7 +74,7 @@ class Solved:
     treatment: Contacts
     solution: Solution
     bounds: Bounds
-    levels: tuple[Level, ...]
+    levels: tuple[Solution, ...]
     build_s: float
 
     def optimum(self, study: CrawlStudy) -> Optimum:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from pathlib import Path
-from typing import Protocol
 
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.quantities import Variable, unit_of_signal
@@ -24,14 +22,6 @@ with on_use():
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain.loops import Links, chain_for, close_loop, draw_links, laws_of
     from wormopt.systems.spiked import gait_of_shape
-
-
-class GaitTable(Protocol):
-    """Table of a gait."""
-
-    def faults(self, links: int, folder: Path, key: str) -> Iterator[Fault]:
-        """Yield what does not fit so many links."""
-        ...
 
 
 class Following(Study):
@@ -68,7 +58,7 @@ class Following(Study):
         """Yield lists and gaits that do not fit `links`, the entries of the tracked output."""
         yield from ()
 
-    def faults_of_gait(self, shape: GaitTable, links: int, key: str) -> Iterator[Fault]:
+    def faults_of_gait(self, shape: Shape, links: int, key: str) -> Iterator[Fault]:
         """Yield what of a shape does not fit the tracked output."""
         for path, message in shape.faults(links, self.folder, key):
             if self.model is None:

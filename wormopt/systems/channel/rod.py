@@ -144,10 +144,6 @@ class Rod:
         ----------
         youngs_modulus : float or casadi.SX, optional
             Young's modulus instead of the rod's own, Pa.
-
-        Returns
-        -------
-        Stiffness
         """
         E = self.youngs_modulus if youngs_modulus is None else youngs_modulus
         stretching = E * self.area * (1 - self._hole**2)

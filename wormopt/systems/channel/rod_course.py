@@ -22,7 +22,7 @@ with on_use():
     from scipy.special import stdtrit
 
     from wormopt.model.model import Model, pack
-    from wormopt.numerics.expressions import at_columns
+    from wormopt.numerics.expressions import at_rows
     from wormopt.simulation.moreau import StepRecord
 
 ASSUMED = {
@@ -211,7 +211,7 @@ def energy_error(
     stored = model["strain_energy"] + model["kinetic_energy"]
     stored = ca.densify(ca.substitute(stored, pack(model.p), ca.DM(p)))
     energy = ca.Function("energy", [pack(model.x)], [stored])
-    stored = at_columns(energy, steps.states)[0]
+    stored = at_rows(energy, steps.states.T)[0].ravel()
     done = sum(steps.work.values())
     scale = max(
         np.abs(np.diff(steps.work["load_power"])).sum(), mass / 2 * (_STILL * field_speed) ** 2

@@ -337,10 +337,9 @@ class RodMotion(RodStudy, kind="rod-motion"):
         )
 
     def _segment_length(self) -> float:
-        """Return the mean rod length from coil to coil of a block just before coils change, in m.
-
-        NaN if the rod never reached over a block. Durations of coils are rounded to whole switches.
-        """
+        """Return the mean rod length from coil to coil of a block just before coils change, m."""
+        # NaN if the rod never reached over a block. Durations of coils are rounded to whole
+        # switches.
         steps, rate = self.motion, self.switching.frequency
         n, pitch = self.rod.count, self.coils.pitch
         count, repeat = round(self.switching.duration), self.switching.every * self.coils.pitch

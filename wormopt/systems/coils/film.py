@@ -320,11 +320,9 @@ def _energy(
 
 
 def _tapered(u: Any) -> Any:
-    """Return the share of the stiffness at a share 0 to 1 of the taper, from the tip.
-
-    The end of a stiff float makes a kink of the surface up to about B u⁹ = gamma (f u)². Few powers
-    start as gently and spread that kink over more of the end f.
-    """
+    """Return the share of the stiffness at a share 0 to 1 of the taper, from the tip."""
+    # The end of a stiff float makes a kink of the surface up to about B u⁹ = gamma (f u)². Few
+    # powers start as gently and spread that kink over more of the end f.
     return u**9 * (55 - 99 * u + 45 * u * u)
 
 

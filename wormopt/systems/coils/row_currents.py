@@ -183,10 +183,8 @@ def _points(
 
 @lru_cache(maxsize=4)
 def _program(made: _Points, *, slewed: bool, alternating: bool) -> NonlinearProgram:
-    """Return the program; its parameters are D at the points, and the objective's weight.
-
-    Field strengths are variables too: the constraints are linear, second derivatives sparse.
-    """
+    """Return the program; its parameters are D at the points, and the objective's weight."""
+    # Field strengths are variables too: the constraints are linear, second derivatives sparse.
     components, points, nodes = made.field.shape
     w = ca.MX.sym("w", nodes + 1 + components * points)
     currents, offset, field = w[:nodes], w[nodes], w[nodes + 1 :]

@@ -297,11 +297,9 @@ def _tensions(limits: WaveLimits, aim: WaveAim) -> tuple[float, ...]:
 
 
 def _exact_phases(first: Optimum, tolerance: float, report: Report) -> dict[str, Optimum]:
-    """Find the phases between switches of the field, with free ends and high polynomials.
-
-    Many arcs are used where phases fail: with a limited slope the field switches infinitely often
-    before the film reaches a bound of its thickness. Returns all solves by name, the best last.
-    """
+    """Find the phases between switches of the field, with free ends and high polynomials."""
+    # Many arcs are used where phases fail: with a limited slope the field switches infinitely often
+    # before the film reaches a bound of its thickness. Returns all solves by name, the best last.
     near = replace(_TIGHT, warm=True, mu_init=1e-5)
     shown = refine(first, _SHOWN, rounds=_ROUNDS, solver=near)
     stages, best = {"first": first, "refined": shown}, None

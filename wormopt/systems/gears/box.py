@@ -121,12 +121,10 @@ def _hopeless(task: _Task) -> tuple[float, int]:
 def _least_duration(
     solve: Callable[[float], np.ndarray | None], bound: float, longest: float, still: bool
 ) -> tuple[float, np.ndarray | None, int]:
-    """Smallest feasible duration, its solution, and the number of programs solved.
-
-    Longer is not always feasible: a mass that moves at an end may have no room to slow down. So
-    durations are increased step by step until one is feasible, and the step is then bisected. If
-    all masses are `still` at both ends, the longest duration decides whether any is feasible.
-    """
+    """Smallest feasible duration, its solution, and the number of programs solved."""
+    # Longer is not always feasible: a mass that moves at an end may have no room to slow down. So
+    # durations are increased step by step until one is feasible, and the step is then bisected. If
+    # all masses are `still` at both ends, the longest duration decides whether any is feasible.
     low, high, looks = bound, bound, 0
     found = None
     if still:

@@ -362,7 +362,7 @@ def touches(motion: Motion, aim: DragAim, within: float = 1e-6) -> bool:
     return bool(lengths.min() < least + near or lengths.max() > most - near)
 
 
-_DEGREE, _MOST = 32, 128
+_DEGREE, _MOST = 32, 256
 # Equal parts of the period by which multipliers are estimated.
 _SAMPLES = 128
 

@@ -210,11 +210,9 @@ def _footsteps(worm: SwitchedWorm, limits: Limits, noise: np.random.Generator) -
 def _walk(
     worm: SwitchedWorm, steps: tuple[int, ...], period: float, noise: np.random.Generator
 ) -> First:
-    """Return initial times in which the segments of `steps` are anchored in turn.
-
-    Each other segment goes on when the worm steps forward over it and off when it steps back over
-    it. It is off long enough that it does not touch.
-    """
+    """Return initial times in which the segments of `steps` are anchored in turn."""
+    # Each other segment goes on when the worm steps forward over it and off when it steps back over
+    # it. It is off long enough that it does not touch.
     n, count = worm.segments, len(steps)
     passed = np.zeros((n, count))  # 1 if step k goes forward over a segment, -1 if back
     for k, (before, after) in enumerate(zip(np.roll(steps, 1), steps, strict=True)):

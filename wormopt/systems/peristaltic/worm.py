@@ -70,6 +70,8 @@ _SAMPLES = 160  # least number of samples per cycle
 # damping, single sticks and slips that fall into one step or the next cause as much.
 _ENERGY, _AGREED, _ORDER, _NOISE = 1e-6, 0.01, 0.5, 1e-4
 _NONE = 1e-9  # a reserve below this counts as none
+_STILL = 1e-6  # share of the stroke below which the advance of a cycle counts as none
+_SETTLED = 0.01  # accepted change of the advance over the cycles of its mean, as a share
 _ASSUMED = (
     "segments are sealed: no fluid is exchanged",
     "membranes are thin and incompressible; segments are cylinders",
@@ -454,7 +456,7 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
             advance_ideal=ideal,
             advance_share=advance / ideal if ideal else None,
             speed=advance / self.currents.period,
-            against_wave=against if abs(advance) > 1e-6 * self.stroke else 0,
+            against_wave=against if abs(advance) > _STILL * self.stroke else 0,
         )
 
     @parts(Holding)
@@ -588,6 +590,18 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
                 f"segments never reach the wall: a coil shortens them to {self.free_stretch:.5g} "
                 f"of their length, but only {least:.5g} fills the tube, so nothing anchors; write "
                 "a larger coils.current, or a softer or thinner wall"
+            )
+
+    @warnings
+    def unsettled(self) -> Iterator[str]:
+        """Yield a warning if the advance of a cycle changes over the cycles of the mean."""
+        cycles = np.diff(self.signals.center[self.time.settle * self.samples :: self.samples])
+        change = abs(cycles[-1] - cycles[0])
+        if change > max(_SETTLED * np.abs(cycles).max(), _STILL * self.stroke):
+            yield (
+                f"the motion has not settled: the advance of a cycle is {cycles[0]:.3g} m after "
+                f"time.settle and {cycles[-1]:.3g} m at the end; write more time.cycles and "
+                "time.settle"
             )
 
     def warnings_of_anchors(self) -> Iterator[str]:

@@ -16,7 +16,6 @@ from wormopt.study import (
     on_use,
     scalar,
     stage,
-    warning,
     warnings,
     whole,
 )
@@ -38,6 +37,8 @@ with on_use():
 # Second routes: force balances are exact to round-off, a minimum of power to its square root.
 _AGREED = {"viscous": 1e-10, "unit": 1e-10, "elliptic": 1e-6}
 
+# Angle in a period that is no rounding.
+_TURNS = 1e-9
 # Least shortfall of the recoil over the squared amplitude that second routes search.
 _LEAST = 1e-9
 
@@ -151,16 +152,14 @@ class PlanarSerpenoid(Study, kind="planar-serpenoid"):
         return self.recheck_error
 
     @warnings
-    def principle(self) -> Iterator[str]:
+    def doubts(self) -> Iterator[str]:
         if self.ground == "unit":
             yield (
                 "the unit law has no minimum principle: the speed satisfies a balance of forces, "
                 "but its uniqueness is not proven"
             )
-
-    @warning(1e-9, "a finite worm turns in a period: its speed depends on the initial phase")
-    def turn(self) -> float:
-        return max((abs(worm.swim.turn) for worm in self.finite_worms), default=0.0)
+        if any(abs(worm.swim.turn) > _TURNS for worm in self.finite_worms):
+            yield "a finite worm turns in a period: its speed depends on the initial phase"
 
 
 def another_speed(alpha: float, ratio: float, ground: str) -> float:

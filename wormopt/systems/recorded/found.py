@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from wormopt.quantities import Scalar, unit_of_signal
 from wormopt.result import Check
@@ -17,23 +16,13 @@ with on_use():
 
     from wormopt.fitting.estimate import Fit
     from wormopt.fitting.noise import excess
+    from wormopt.fitting.task import FitTask
     from wormopt.model.model import Model
+    from wormopt.systems.recorded.numbers_task import NumbersTask
 
 
 # Residuals this many times the noise given are not of a model that describes its data.
 _GROSS = 3.0
-
-
-class Coordinates(Protocol):
-    """Transformation from coordinates of a search, for example logarithms, to parameters."""
-
-    def values(self, theta: np.ndarray) -> np.ndarray:
-        """Parameters (n,) of coordinates (n,)."""
-        ...
-
-    def slopes(self, theta: np.ndarray) -> np.ndarray:
-        """Derivatives (n,) of the parameters by the coordinates."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +45,7 @@ class Found:
         names: Sequence[str],
         units: Sequence[str],
         began: Sequence[float],
-        coordinates: Coordinates,
+        coordinates: FitTask | NumbersTask,
         theta: np.ndarray,
         covariance: np.ndarray,
         level: float,

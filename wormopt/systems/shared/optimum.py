@@ -108,10 +108,8 @@ def cross_check(
 
 
 def _plant(motion: Motion) -> Model:
-    """Model with the design constants as parameters, set to their optimal values.
-
-    Its states have no bounds; bounds are for optimisers and hold to round-off.
-    """
+    """Model with the design constants as parameters, set to their optimal values."""
+    # Its states have no bounds; bounds are for optimisers and hold to round-off.
     problem = motion.program.problem
     values = by_name(problem.design, motion.arcs.design)
     chosen = [replace(s, value=values[s.name].tolist()) for s in problem.design]

@@ -14,7 +14,7 @@ from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.simulation.initial_value import KINDS
 from wormopt.simulation.options import Tolerance, Treatment
-from wormopt.simulation.simulate import Values, simulate
+from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.declared import Declared
 
@@ -40,30 +40,27 @@ def simulate_whole(
     contact: Treatment,
     tolerance: Tolerance,
     report: Report,
-    p: Values | None = None,
     *,
     motions: int = 1,
 ) -> Trajectory:
     """Simulate from time 0 at equidistant samples; keep the whole motion if it fits in memory.
 
-    Without `dense` if it took too many steps. `p` overrides the model's parameters and inputs;
-    `motions` is the number kept at the same time. Raises SolveError as `simulate`.
+    Without `dense` if it took too many steps. `motions` is the number kept at the same time. Raises
+    SolveError as `simulate`.
     """
     times = np.linspace(0.0, end, samples)
     room = max(int(_MEMORY / (64 * model.n_x * motions)), 1)
     try:
         few = replace(tolerance, max_steps=min(tolerance.max_steps, room))
         return simulate(
-            model, end, contact=contact, p=p, times=times, dense=True, tolerance=few, report=report
+            model, end, contact=contact, times=times, dense=True, tolerance=few, report=report
         )
     except ValueError:  # implicit integrators keep nothing; other errors are raised again below
         pass
     except SolveError as error:
         if error.code != "too_many_steps" or room >= tolerance.max_steps:
             raise
-    return simulate(
-        model, end, contact=contact, p=p, times=times, tolerance=tolerance, report=report
-    )
+    return simulate(model, end, contact=contact, times=times, tolerance=tolerance, report=report)
 
 
 def at_ends(motion: Trajectory) -> Trajectory:

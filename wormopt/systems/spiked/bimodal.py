@@ -161,11 +161,9 @@ class _Track:
         return end
 
     def _hold(self, arc: Arc, start: float) -> None:
-        """Rest on the spikes: w = 0, so position and load are integrals of known functions.
-
-        The integrals are computed by quadrature, not as differences of lengths and momenta, so
-        lambda_mean = k speed + Gamma remains an independent check.
-        """
+        """Rest on the spikes: w = 0, so position and load are integrals of known functions."""
+        # The integrals are computed by quadrature, not as differences of lengths and momenta, so
+        # lambda_mean = k speed + Gamma remains an independent check.
         worm = self.worm
 
         def known(s: np.ndarray) -> np.ndarray:
@@ -351,11 +349,9 @@ def cut_piece(worm: DrivenWorm, piece: int) -> Iterator[Arc]:
 
 
 def _samples(rows: Vectorised, a: float, b: float) -> np.ndarray:
-    """Sample times in [a, b], including those of the minima of all rows.
-
-    A row that dips between two samples is found from the parabola through three of them, whose
-    minimum is accurate to fourth order in the spacing.
-    """
+    """Sample times in [a, b], including those of the minima of all rows."""
+    # A row that dips between two samples is found from the parabola through three of them, whose
+    # minimum is accurate to fourth order in the spacing.
     s = np.linspace(a, b, _SAMPLES)
     values = np.atleast_2d(rows(s))
     left, middle, right = values[:, :-2], values[:, 1:-1], values[:, 2:]

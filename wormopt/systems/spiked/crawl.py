@@ -208,10 +208,6 @@ class Crawl(SampledMotion):
         ----------
         signal : str
             Name of the signal.
-
-        Returns
-        -------
-        numpy.ndarray, shape (rows,)
         """
         rows = self._rows()[signal]
         return np.sum([s.integral()[rows] for _, s in self.parts], axis=0)

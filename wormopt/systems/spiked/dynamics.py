@@ -79,11 +79,9 @@ def spiked_worm(
 
 
 def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
-    """Formulate kinematic gait design as an optimal-control problem, periodic up to the advance.
-
-    Costs are scaled to about 1; peaks become bounding constants, positive powers become slacks
-    (epigraph form).
-    """
+    """Formulate kinematic gait design as an optimal-control problem, periodic up to the advance."""
+    # Costs are scaled to about 1; peaks become bounding constants, positive powers become slacks
+    # (epigraph form).
     n, period_range = worm.links, limits.period_range
     ranges = np.array(limits.length_ranges(n))
     model = spiked_worm(

@@ -205,11 +205,9 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
 
     @stage
     def front(self) -> Points:
-        """The fastest gait, then the cheapest one at each of several lower speeds.
-
-        Each search tries the sequence of the next faster gait first. Designed points are kept
-        until the front is complete, so that an interrupted study continues.
-        """
+        """The fastest gait, then the cheapest one at each of several lower speeds."""
+        # Each search tries the sequence of the next faster gait first. Designed points are kept
+        # until the front is complete, so that an interrupted study continues.
         points, lost, total = list[Point](), list[str](), self.pareto.points
         try:
             points.append(self._point(total, None, None))

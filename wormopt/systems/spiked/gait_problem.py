@@ -124,16 +124,12 @@ class Worm(Given, kw_only=False):
         return tuple(each - mean for each in self._known)
 
     def loads(self, mean: float) -> float | tuple[float, ...]:
-        """Load on each mass for a given mean; one number if all are equal.
+        """Load on each mass (n+1,) for a given mean; one number if all are equal.
 
         Parameters
         ----------
         mean : float
             Mean load, within `load_range`.
-
-        Returns
-        -------
-        float or tuple of float, shape (n+1,)
         """
         beyond = self.beyond
         return tuple(mean + each for each in beyond) if any(beyond) else mean
@@ -171,10 +167,6 @@ class Worm(Given, kw_only=False):
             Units of the scene.
         ranges : bool, optional
             Whether the load may be a range.
-
-        Yields
-        ------
-        tuple of (str, str)
         """
         yield from faults_of_slope(self.slope, self.gravity, units)
         if isinstance(self.load, tuple) and self._may_vary and not ranges:
@@ -231,10 +223,6 @@ class Objective(Given, kw_only=False):
             "speed", or the cost to minimise; an Objective is returned unchanged.
         speed : float, optional
             Required mean speed if a cost is minimised.
-
-        Returns
-        -------
-        Objective
 
         Raises
         ------
@@ -409,10 +397,6 @@ class Search(Given):
             Number of links.
         limits : Limits
             Limits of the gait.
-
-        Yields
-        ------
-        tuple of (str, str)
         """
         sequence = self.sequence
         if sequence is None:
@@ -515,10 +499,6 @@ class GaitProblem(Given, kw_only=False):
         ----------
         path : str
             Path of the field in the problem.
-
-        Returns
-        -------
-        str
         """
         part, _, name = path.partition(".")
         return f"{self.limits.name}.{name}" if part == "limits" else path

@@ -130,10 +130,6 @@ class Limits(Given, kw_only=False):
         period : float
             Shortest period of the motion.
 
-        Returns
-        -------
-        int
-
         Examples
         --------
         >>> Limits(period=(1.0, 5.0), length=(0.7, 1.3), rate=1.0).cycles_of(0.4)
@@ -180,10 +176,6 @@ class Limits(Given, kw_only=False):
         ----------
         count : int
             Number of ticks.
-
-        Returns
-        -------
-        float
         """
         return float(count * Fraction(repr(float(self.tick or 0.0))))
 
@@ -194,10 +186,6 @@ class Limits(Given, kw_only=False):
         ----------
         period : float or (float, float), optional
             Replaces the period of the limits.
-
-        Returns
-        -------
-        Limits
         """
         return structs.replace(self, period=period or self.period, tick=None, length_step=None)
 
@@ -214,10 +202,6 @@ class Limits(Given, kw_only=False):
         ----------
         links : int
             Number of links.
-
-        Returns
-        -------
-        tuple of (float, float)
         """
         one = all(not isinstance(item, tuple) for item in self.length)
         pairs: Any = [self.length] * links if one else self.length
@@ -279,10 +263,6 @@ class Limits(Given, kw_only=False):
         links : int
             Number of links.
 
-        Returns
-        -------
-        Limits
-
         Examples
         --------
         >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0)
@@ -337,10 +317,6 @@ class Limits(Given, kw_only=False):
             Number of links.
         motor : bool, optional
             Whether a motor limits rates and accelerations too.
-
-        Yields
-        ------
-        tuple of (str, str)
         """
         if self.resting > links:
             yield (

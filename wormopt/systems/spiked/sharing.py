@@ -45,12 +45,10 @@ def share_load(
 
 
 def _wanted(sums: np.ndarray, counts: Sequence[int], caps: np.ndarray) -> Iterator[np.ndarray]:
-    """Loads that the first resting masses together would carry without bounds behind them.
-
-    The least sum of squares ahead is a convex function of the load carried so far. Its slope is
-    piecewise linear, given by knots. One more spike, which carries 0 to its cap, splits the slope
-    at its root and moves the part behind by the cap.
-    """
+    """Loads that the first resting masses together would carry without bounds behind them."""
+    # The least sum of squares ahead is a convex function of the load carried so far. Its slope is
+    # piecewise linear, given by knots. One more spike, which carries 0 to its cap, splits the slope
+    # at its root and moves the part behind by the cap.
     zero = np.zeros(sums.shape[1])
     place = slope = np.zeros((0, len(zero)))
     for total, count, cap in zip(sums, counts, caps[:-1], strict=True):

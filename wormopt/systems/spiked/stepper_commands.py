@@ -422,11 +422,9 @@ class StepperCommands(Study, kind="stepper"):
 
 
 def short_pauses(stepper: Stepper, needed: Demand, steps: Steps) -> Iterator[str]:
-    """Warn of motors whose pulses at a reversal are faster than the gait's largest rate.
-
-    Away from reversals this cannot happen. At a reversal two opposite pulses are as little as
-    twice the hysteresis apart, which the limits on the gait's own rates do not cover.
-    """
+    """Warn of motors whose pulses at a reversal are faster than the gait's largest rate."""
+    # Away from reversals this cannot happen. At a reversal two opposite pulses are as little as
+    # twice the hysteresis apart, which the limits on the gait's own rates do not cover.
     for j, interval in enumerate(steps.intervals_min):
         largest = float(needed.turn_rate_max[j]) * stepper.pulses_per_turn
         times = 1 / (interval * largest) if interval > 0 else np.inf
@@ -478,10 +476,8 @@ def steps_of_result(result: Result) -> Steps | None:
 
 
 def as_csv(result: Result) -> str | None:
-    """Text of ``steps.csv``; None without steps.
-
-    Also None if the result failed, so that no motor runs with it.
-    """
+    """Text of ``steps.csv``; None without steps."""
+    # Also None if the result failed, so that no motor runs with it.
     steps = _trusted(result)
     return None if steps is None else csv_text(steps)
 

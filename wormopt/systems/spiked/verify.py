@@ -101,10 +101,8 @@ def in_steps(lengths: np.ndarray, step: float, ranges: Sequence[Sequence[float]]
 
 
 def speed_of(table: np.ndarray, period: float) -> float:
-    """Mean speed if lengths (n, m) change linearly between columns and a mass always rests.
-
-    The speed of the head is the largest sum of rates before a mass, so that none slips back.
-    """
+    """Mean speed if lengths (n, m) change linearly between columns and a mass always rests."""
+    # The speed of the head is the largest sum of rates before a mass, so that none slips back.
     advance = np.cumsum(np.diff(table, axis=1), axis=0).max(axis=0)
     return float(np.maximum(advance, 0.0).sum()) / period
 

@@ -599,10 +599,8 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
         }
 
     def _accepted_by(self, orbit: Orbit) -> float:
-        """Return the accepted error of second-order averaging.
-
-        It is of second order in the ripple over the least amplitude that is to be reversed.
-        """
+        """Return the accepted error of second-order averaging."""
+        # It is of second order in the ripple over the least amplitude that is to be reversed.
         speeds = np.abs(self.worm.relative_velocities(np.linspace(0, 1, 257))).max(axis=1)
         return float(_FACTOR * orbit.ripple**2 / speeds.min() + _FLOOR * speeds.max())
 

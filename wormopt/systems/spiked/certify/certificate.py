@@ -81,10 +81,6 @@ class Certificate:
             Data of the proof.
         bound : Fraction
             The proven bound on the speed.
-
-        Returns
-        -------
-        Certificate
         """
         content = {
             "format": FORMAT,

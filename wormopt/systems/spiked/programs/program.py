@@ -169,12 +169,10 @@ class GaitProgram(GaitRows):
         return self.sequence, np.ones(len(lasts), bool)
 
     def _joined(self, point: Point) -> np.ndarray:
-        """Mask of arcs that must begin where they do.
-
-        Arcs begin at phases, changes of acceleration, and turns of a length. The coefficients keep
-        the length in its range; on an arc with a turn inside, they would keep it farther from the
-        ends.
-        """
+        """Mask of arcs that must begin where they do."""
+        # Arcs begin at phases, changes of acceleration, and turns of a length. The coefficients
+        # keep the length in its range; on an arc with a turn inside, they would keep it farther
+        # from the ends.
         begins = np.zeros(self.total, bool)
         begins[self._edges[:-1]] = True
         (h, v, _), last = self.motion(point), -1

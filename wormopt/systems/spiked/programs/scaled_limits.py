@@ -102,11 +102,9 @@ class ScaledLimits:
 
     @cached_property
     def acceleration(self) -> np.ndarray | None:
-        """Largest link accelerations, shape (n,); None where velocities may jump.
-
-        They are capped: programs lose digits if numbers differ too much, and a larger acceleration
-        gains almost nothing.
-        """
+        """Largest link accelerations, shape (n,); None where velocities may jump."""
+        # They are capped: programs lose digits if numbers differ too much, and a larger
+        # acceleration gains almost nothing.
         limit = self.task.limits.acceleration
         if limit is None:
             return None
@@ -200,10 +198,8 @@ class ScaledLimits:
             )
 
     def actuators(self, resting: Resting) -> Iterator[tuple[np.ndarray, float]]:
-        """For each actuator: weights (n + 1,) of the forces on masses, force at rest per load.
-
-        All loads are equal, and the resting masses share them equally.
-        """
+        """For each actuator: weights (n + 1,) of the forces on masses, force at rest per load."""
+        # All loads are equal, and the resting masses share them equally.
         count, rest = self.links + 1, len(resting)
         for j in range(1, count):
             # whole numbers, so that cancelling terms give exactly 0

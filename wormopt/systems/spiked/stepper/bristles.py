@@ -28,26 +28,13 @@ _BATCH = 4096
 
 @dataclass(frozen=True, eq=False)
 class BristleMotion:
-    """Periodic motion of a stepped worm, up to its advance.
+    """Periodic motion of a stepped worm, up to its advance."""
 
-    Parameters
-    ----------
-    time : numpy.ndarray, shape (m,)
-        Times from 0 to the period: the start, and the end of each move.
-    position : numpy.ndarray, shape (n+1, m)
-        Positions of the masses; the head starts at 0.
-    holding : numpy.ndarray of bool, shape (n+1, m)
-        Whether each bristle holds.
-    speed : float
-        Mean speed, from the largest cycle mean.
-    period_error : float
-        Difference of the motion over a period from its advance by `speed`, a length.
-    """
-
-    time: np.ndarray
-    position: np.ndarray
-    holding: np.ndarray
-    speed: float
+    time: np.ndarray  # (m,) times from 0 to the period: the start, and the end of each move
+    position: np.ndarray  # (n+1, m) positions of the masses; the head starts at 0
+    holding: np.ndarray  # (n+1, m) whether each bristle holds
+    speed: float  # mean speed, from the largest cycle mean
+    # difference of the motion over a period from its advance by `speed`, a length
     period_error: float
 
     @property
@@ -169,11 +156,9 @@ def _ramps(begin: np.ndarray, sign: np.ndarray, settle_time: float, t: np.ndarra
 
 
 def _period_map(spans: np.ndarray, slip: float) -> np.ndarray:
-    """Matrix over (max, +) from the held positions to those a period later.
-
-    After a move the worm is at x_0 = max_k (S_k + h_k), and h_i becomes
-    max(h_i, x_0 - S_i - slip).
-    """
+    """Matrix over (max, +) from the held positions to those a period later."""
+    # After a move the worm is at x_0 = max_k (S_k + h_k), and h_i becomes max(h_i, x_0 - S_i -
+    # slip).
     masses = len(spans)
     whole = np.where(np.eye(masses, dtype=bool), 0.0, -np.inf)
     for first in range(0, spans.shape[1], _BATCH):

@@ -153,10 +153,8 @@ def step_times(gait: Gait, stepper: Stepper) -> Steps:
 
 
 def turning_times(gait: Gait, link: int) -> np.ndarray:
-    """Breaks of the gait and times at which a length reverses; it is monotone between them.
-
-    Ascending, from 0 to the period; links are counted from 0.
-    """
+    """Breaks of the gait and times at which a length reverses; it is monotone between them."""
+    # Ascending, from 0 to the period; links are counted from 0.
     found = [gait.breaks[:1]]
     for piece, a, b in _runs(gait, link):
         found.append(np.array([gait.breaks[piece] + a, gait.breaks[piece] + b]))
@@ -164,10 +162,8 @@ def turning_times(gait: Gait, link: int) -> np.ndarray:
 
 
 def quantisation_error(gait: Gait, steps: Steps) -> np.ndarray:
-    """Largest difference (n,) between commanded length and gait, over all time.
-
-    Both are monotone between steps and turning points, so it is largest next to one of them.
-    """
+    """Largest difference (n,) between commanded length and gait, over all time."""
+    # Both are monotone between steps and turning points, so it is largest next to one of them.
     worst = []
     for j in range(gait.links):
         edges = np.concatenate([steps.of_motor(j)[0], turning_times(gait, j)])
@@ -252,10 +248,8 @@ def _instants(
 
 
 def csv_text(steps: Steps) -> str:
-    """Write steps as a table ``time_s,motor,direction`` below lines with ``#`` for parameters.
-
-    Motors are counted from 0, as links are. Numbers are read back exactly.
-    """
+    """Write steps as a table ``time_s,motor,direction`` below lines with ``#`` for parameters."""
+    # Motors are counted from 0, as links are. Numbers are read back exactly.
     head = {
         "period_s": repr(float(steps.period)),
         "travel_m": repr(float(steps.travel)),
@@ -292,10 +286,8 @@ def read_csv(text: str) -> Steps:
 
 
 def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
-    """Convert to ticks: the period, and each motor's delays (its steps + 1,) over the period.
-
-    Delays are differences of rounded times, so errors do not add up.
-    """
+    """Convert to ticks: the period, and each motor's delays (its steps + 1,) over the period."""
+    # Delays are differences of rounded times, so errors do not add up.
     whole = round(steps.period / tick)
     if whole > _LARGEST:
         least = steps.period / _LARGEST

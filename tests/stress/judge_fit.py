@@ -1,8 +1,8 @@
 """Fits judged on recordings made by scipy alone: do intervals hold the truth, do searches end well?
 
-`python -m tests.judge_fit 200 FILE` fits as many drawn worms and writes a line of JSON for each;
-`python -m tests.judge_fit FILE` summarises such lines. With the word `design` in front, worms
-with spikes get gaits that were designed on their fits.
+`python -m tests.stress.judge_fit 200 FILE` fits as many drawn worms and writes a line of JSON for
+each; `python -m tests.stress.judge_fit FILE` summarises such lines. With the word `design` in
+front, worms with spikes get gaits that were designed on their fits.
 """
 
 import sys
@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 import wormopt as wo
-from tests.judging import judged
 from tests.oracles.by_crawling import Crawler, FastGait, recorded
 from tests.oracles.by_recordings import (
     Array,
@@ -27,6 +26,7 @@ from tests.oracles.by_recordings import (
     smooth_waves,
     square,
 )
+from tests.stress.judge_many import judged
 from wormopt.systems.spiked import Believed, Search, design_believed, driven_worm, on_plant
 
 MASS, START = np.array([1.0, 0.8, 1.1]), np.array([3.0, 1.5, 0.0])
@@ -54,7 +54,7 @@ class Draw:
     noise: float
 
 
-def draw(seed: int, *, end: float = 10.0, rate: float = 100.0) -> Draw:
+def draw(seed: int, *, end: float = 10.0, rate: float = 100.0, noise: float = 0.0) -> Draw:
     """Three masses whose links are pushed at random amplitudes, period and phase."""
     rng = np.random.default_rng([2024, seed])
     truth = {name: float(rng.uniform(low, high)) for name, (low, high, *_) in SOUGHT.items()}
@@ -64,7 +64,7 @@ def draw(seed: int, *, end: float = 10.0, rate: float = 100.0) -> Draw:
         course = smooth_waves(period, np.zeros(2), amplitude, phase)
     else:
         course = square(period, -amplitude, amplitude, np.round(phase, 2))
-    noise = float(10 ** rng.uniform(-2.5, -1.5))
+    noise = noise or float(10 ** rng.uniform(-2.5, -1.5))
     times = np.arange(round(end * rate) + 1) / rate
     c, d, rest = (
         np.array([truth[f"{name}[{k}]"] for k in (0, 1)])

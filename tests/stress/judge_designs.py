@@ -1,9 +1,9 @@
 """Gait designs at effort normal beside everything that may find a better gait of the same worm.
 
-`python -m tests.judge_designs 25 FILE` designs gaits for as many drawn problems and writes a line
-of JSON for each; `python -m tests.judge_designs FILE` summarises such lines. Rivals are the effort
-thorough, and designs with the sequences of all of these prescribed. The numbers are read from
-results, whose limits and speeds a second route has verified.
+`python -m tests.stress.judge_designs 25 FILE` designs gaits for as many drawn problems and writes a
+line of JSON for each; `python -m tests.stress.judge_designs FILE` summarises such lines. Rivals are
+the effort thorough, and designs with the sequences of all of these prescribed. The numbers are read
+from results, whose limits and speeds a second route has verified.
 """
 
 import json
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import wormopt as wo
-from tests.judging import judged
+from tests.stress.judge_many import judged
 from wormopt.errors import SolveError
 
 COSTS = ("peak_spike_load", "peak_actuator_force", "energy_per_distance", "acceleration_effort")

@@ -1,7 +1,8 @@
 """Worms on dry ground, from films to gaits: drawn, filmed, fitted, designed for, and played again.
 
-`python -m tests.judge_friction 20 FILE` judges as many drawn worms and writes a line of JSON for
-each; `python -m tests.judge_friction FILE` summarises such lines. Films and motions are scipy's.
+`python -m tests.stress.judge_friction 20 FILE` judges as many drawn worms and writes a line of JSON
+for each; `python -m tests.stress.judge_friction FILE` summarises such lines. Films and motions are
+scipy's.
 """
 
 import sys
@@ -15,9 +16,9 @@ from typing import Any
 import numpy as np
 
 import wormopt as wo
-from tests.judging import judged
 from tests.oracles.by_gliding import Lengths, Played, Rubbing, play
 from tests.oracles.by_recordings import Array, Course, Ground, chain, disturb, follow
+from tests.stress.judge_many import judged
 from wormopt.study.scene import scene_within
 from wormopt.systems.spiked import Search
 
