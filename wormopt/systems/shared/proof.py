@@ -187,7 +187,8 @@ def _as_far_as_it_goes(
     """Simulate by a second method until some time, the end if None; also whether it got there."""
     most = _MORE_STEPS * tolerance.max_steps
     if route in ("python", "radau"):
-        most = max(_SPENT_IN_PYTHON, 2 * motion.n_steps if route == "python" else 0)
+        short = route == "python" and motion.n_steps <= _STIFF
+        most = max(_SPENT_IN_PYTHON, 2 * motion.n_steps if short else 0)
     try:
         return again(route, motion.end_time if until is None else until, most), True
     except SolveError as error:
@@ -211,7 +212,8 @@ def _second_route(model: Model, motion: Trajectory) -> Route:
     by_events = motion.system.exact or model.switches or model.delays
     if not by_events and motion.route != "cvodes":
         return "cvodes"
-    return "radau" if motion.n_steps > _STIFF else "python"
+    # a delay equation takes more implicit steps, and explicit ones check at least a third of it
+    return "radau" if motion.n_steps > (_LONG if model.delays else _STIFF) else "python"
 
 
 def warnings_of_contact(treatment: Treatment, laws: Sequence[Law]) -> Iterator[str]:
