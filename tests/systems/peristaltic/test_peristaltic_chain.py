@@ -364,6 +364,7 @@ test_what_cannot_be_is_refused_with_what_would_do = refusals(
     ground.friction=0.0 & worm.load=1e-3 | ground.friction | 0.0135
     wave.on=4 | wave.on | at most 3
     time.cycles=2 | time.settle | at most 1
+    worm.wall=4e-3 | worm.wall | less than 0.0025
     """,
 )
 

@@ -276,12 +276,6 @@ class PeristalticSegment(SIStudy, kind="peristaltic-segment"):
         yield from super().faults_of_keys()
         yield from wrong_order("stretches", self.stretches, may_be_equal=False)
         segment, tube, winding = self.segment, self.pipe, self.winding
-        if segment.wall >= segment.radius / 2:
-            yield (
-                "segment.wall",
-                f"{segment.wall:g} m is not thin for a radius of {segment.radius:g} m; write "
-                f"less than {segment.radius / 2:g}",
-            )
         if tube:
             yield from segment.faults_in("pipe.radius", tube.radius)
         outside = max(segment.radius, tube.radius if tube else 0.0)

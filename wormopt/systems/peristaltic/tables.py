@@ -27,6 +27,14 @@ class SegmentTable(Given):
         default=1.0,
     )
 
+    def faults_of_keys(self) -> Iterator[Fault]:
+        if self.wall >= self.radius / 2:
+            yield (
+                "wall",
+                f"{self.wall:g} m is not thin for a radius of {self.radius:g} m; write less than "
+                f"{self.radius / 2:g}",
+            )
+
     def faults_in(self, where: str, tube: float) -> Iterator[Fault]:
         """Yield a fault, with the key `where`, unless the segment fits into a tube of a radius."""
         if tube <= self.radius:
