@@ -179,31 +179,27 @@ class Rides(FilmSetup):
 
     def speed(self, pattern: Pattern) -> float:
         """Return the mean speed in m/s; minus infinity if the simulation fails or leaves `top`."""
-        state, field = np.zeros(self.layer.cells + 1), self.field
+        state, solver, field = np.zeros(self.layer.cells + 1), _solver(self), self.field
         state[-2] = self.start / self.cargo.length
-        inputs = [
-            np.concatenate([[length], field.terms(begin), field.terms(slope * length)])
-            for begin, slope, length in zip(
-                *(part.T for part in pattern.pieces(self.row.count, self.time)), strict=True
-            )
-        ]
-        # one call for all pieces: each call costs more than half as much as its integration
-        course = _piece(self).mapaccum(len(inputs))
-        try:
-            with interruptible():
-                states = np.array(course(state, np.column_stack(inputs)))
-        except RuntimeError:
-            return -np.inf
-        # volumes are in units of that of a flat cell
-        high = self.layer.depth * (1 + np.diff(states[:-2], axis=0, prepend=0.0, append=0.0).max())
-        if not np.all(np.isfinite(states)) or high > self.top:
-            return -np.inf
-        return float(states[-2, -1] * self.cargo.length - self.start) / self.time
+        for begin, slope, length in zip(
+            *(part.T for part in pattern.pieces(self.row.count, self.time)), strict=True
+        ):
+            inputs = np.concatenate([[length], field.terms(begin), field.terms(slope * length)])
+            try:
+                with interruptible():
+                    state = np.array(solver(x0=state, p=inputs)["xf"]).ravel()
+            except RuntimeError:
+                return -np.inf
+            # volumes are in units of that of a flat cell
+            high = self.layer.depth * (1 + np.diff(state[:-2], prepend=0.0, append=0.0).max())
+            if not np.all(np.isfinite(state)) or high > self.top:
+                return -np.inf
+        return float(state[-2] * self.cargo.length - self.start) / self.time
 
 
 @lru_cache(maxsize=2)
-def _piece(rides: Rides) -> ca.Function:
-    """Return the state after a piece, from that before it and inputs; of nominal size 1."""
+def _solver(rides: Rides) -> ca.Function:
+    """Return the integrator over a piece, from 0 to 1; states of nominal size 1."""
     film = rides.model_by_terms()
     moved = film.x[:3]  # volume, position, velocity; further states are not needed
     states = ca.vertcat(*(one.symbol for one in moved))
@@ -219,9 +215,7 @@ def _piece(rides: Rides) -> ca.Function:
         "reltol": rides.tolerance, "abstol": rides.tolerance, "max_num_steps": _STEPS,
         "min_step_size": 1e-12, "disable_internal_warnings": True, "show_eval_warnings": False,
     }  # fmt: skip
-    ride = ca.integrator("ride", "cvodes", system, 0.0, 1.0, options)
-    state, inputs = ca.MX.sym("state", len(scale)), ca.MX.sym("inputs", p.numel())
-    return ca.Function("piece", [state, inputs], [ride(x0=state, p=inputs)["xf"]])
+    return ca.integrator("ride", "cvodes", system, 0.0, 1.0, options)
 
 
 def travel_by_radau(rides: Rides, pattern: Pattern) -> float:
