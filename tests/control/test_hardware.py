@@ -1,5 +1,6 @@
 """Controllers that act by sensors with noise and delay, a clock, and actuators."""
 
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -318,6 +319,19 @@ def test_a_controller_that_sees_more_than_sensors_show_is_refused():
                 through_hardware(plant, loop, period=PERIOD)
         else:
             assert through_hardware(plant, loop, period=PERIOD).n_x == loop.n_x + 4
+
+
+def test_outputs_that_show_the_same_twice_are_refused():
+    plant = motor()
+    angle, inertia = plant.x[0].symbol, plant.p[0].symbol
+    twice = ca.vertcat(inertia * angle, 2 * inertia * angle)
+    plant = replace(plant, outputs=[Output("length", twice)])
+    both = Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), AIM))
+    reference = gait_reference(both, plant.t)
+    error = TrackingError.of(plant, reference)
+    loop = close(plant, reference, error, -error.value[0], name="proportional")
+    with pytest.raises(ArgumentError, match="depend on each other"):
+        through_hardware(plant, loop)
 
 
 def test_a_rate_that_means_none_changes_nothing():

@@ -94,7 +94,10 @@ def through_hardware(
     signal = input_of(plant, loop[input].numel(), input)
 
     def decided(known: ca.SX) -> ca.SX:
-        return saturated(signal, put(loop[input], known))[0]
+        raw = put(loop[input], known)
+        limited = saturated(signal, raw)[0]
+        # limits would hide values of parameters that leave the output blind
+        return ca.if_else(ca.fabs(raw) < ca.inf, limited, raw) if ca.symvar(slopes) else limited
 
     if period is None:
         states, ticks, outputs = [], [], [Output("seen", measured)]
@@ -229,10 +232,19 @@ def _slopes(plant: Model, own: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _inverse(slopes: ca.SX) -> ca.SX:
-    """Pseudoinverse; if it depends on parameters, of independent rows."""
-    if ca.symvar(slopes):
-        return ca.densify(ca.pinv(ca.densify(slopes)))
-    return ca.SX(np.linalg.pinv(ca.evalf(slopes).full()))
+    """Pseudoinverse; if it depends on parameters, of independent rows only."""
+    known = ca.symvar(slopes)
+    if not known:
+        return ca.SX(np.linalg.pinv(ca.evalf(slopes).full()))
+    dense = ca.densify(slopes)
+    some = ca.Function("slopes", [ca.vertcat(*known)], [dense])
+    drawn = np.random.default_rng(0).uniform(0.5, 1.5, len(known))
+    if np.linalg.matrix_rank(some(drawn).full()) < slopes.size1():
+        raise ArgumentError(
+            "entries of the output and its rate depend on each other, and their coefficients are "
+            "parameters; choose fewer entries"
+        )
+    return ca.densify(ca.pinv(dense))
 
 
 def _check_seen(loop: Model, acts: ca.SX, x: ca.SX, hidden: ca.SX, output: str) -> None:

@@ -361,11 +361,13 @@ def largest_excess(experiment: Experiment, chosen: np.ndarray, looks: int) -> fl
 
 
 def departure(experiment: Experiment, chosen: np.ndarray) -> float:
-    """Deviation of measurements from linearity in the unknowns over their expected errors."""
+    """Deviation of measurements from linearity in the unknowns over their expected errors.
+
+    Infinite if a motion or value is missing.
+    """
     # If masses begin or cease to stick within these errors, one-sided derivatives do not apply on
     # the other side, and expected errors are wrong. Evaluated along the principal axes of the
-    # confidence ellipsoid, two standard errors to both sides; in standard errors for each of them,
-    # infinite if there is no such motion or value.
+    # confidence ellipsoid, two standard errors to both sides; in standard errors for each of them.
     worst = 0.0
     try:
         run = experiment.run(chosen)

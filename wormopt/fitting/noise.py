@@ -141,7 +141,7 @@ class Whiteness:
     """Tests of the residuals of a fit."""
 
     tests: tuple[ResidualTest, ...]  # all of them
-    level: float  # chance that noise as said is found at fault by any of them
+    level: float  # chance that noise of the given size fails any of them
 
     def __repr__(self) -> str:
         summary = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests failed"

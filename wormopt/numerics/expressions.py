@@ -474,15 +474,17 @@ class Call:
 _AT_ONCE = 512
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8)  # each holds buffers of 512 rows
 def _call_at(function: ca.Function, count: int, _thread: int) -> Call:
     return Call(function.map(count))
 
 
 def at_rows(function: ca.Function, *rows: float | np.ndarray) -> list[np.ndarray]:
-    """All results (m, size) of a function, dense, at m rows of arguments; matrices by columns."""
-    # The first argument has m rows, a later one may have one or be a number. An ordinary call takes
-    # eight times as long, for conversions.
+    """All results (m, size) of a function, dense, at m rows of arguments; matrices by columns.
+
+    The first argument has m rows, a later one may have one or be a number.
+    """
+    # an ordinary call takes eight times as long, for conversions
     m = len(np.asarray(rows[0]))
     given = [np.broadcast_to(each, (m, function.numel_in(i))) for i, each in enumerate(rows)]
     found = [np.empty((m, function.numel_out(i))) for i in range(function.n_out())]

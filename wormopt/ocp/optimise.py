@@ -94,7 +94,7 @@ class Optimum:
     solution : Solution
         Solution of the last nonlinear program.
     levels : tuple of Solution
-        All solves, in order.
+        All solves, in order; variables and multipliers of the last only.
     treatment : Regularised, Complementarity or FixedModes
         Treatment of contacts.
     build_s : float
@@ -330,7 +330,9 @@ def optimise(
         report(f"objective {solution.objective:.6g}", (k + 1) / len(targets))
     motion = Motion.of(program, w, steps[-1])
     build += sum(solution.build_s for solution in solutions)
-    return Optimum(motion, solutions[-1], tuple(solutions), treatment, build, steps[-1])
+    # of earlier levels only figures are kept
+    bare = [replace(one, w=one.w[:0], multipliers=one.multipliers[:0]) for one in solutions[:-1]]
+    return Optimum(motion, solutions[-1], (*bare, solutions[-1]), treatment, build, steps[-1])
 
 
 def _targets(treatment: Contacts) -> Sequence[ModeSequence | float]:

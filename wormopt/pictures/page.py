@@ -155,8 +155,10 @@ class Page:
     # -- facts and the legend
 
     def fact(self, name: str, words: str = "", unit: str = "") -> str:
-        """Describe a scalar, in its unit or a multiple ("mm s-1" of m s-1, "%" of 1)."""
-        # Empty if the result has no such number; dimensionless ones stay so.
+        """Describe a scalar, in its unit or a multiple ("mm s-1" of m s-1, "%" of 1).
+
+        Empty if the result has no such number; dimensionless ones stay so.
+        """
         known = self.result.scalars.get(name)
         if (known is None or isinstance(known.value, bool)
                 or not isinstance(known.value, int | float)):  # fmt: skip

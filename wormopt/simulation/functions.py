@@ -497,9 +497,11 @@ class System:
 
     @cached_property
     def probe(self) -> ca.Function:
-        """Values that decide modes."""
-        # Velocities, accelerations, forces, least and largest holding force of the contacts that
-        # may rest; then how well resting ones determine their forces, 1 well, 0 not at all.
+        """Values that decide modes.
+
+        Velocities, accelerations, forces, least and largest holding force of the contacts that may
+        rest; then how well resting ones determine their forces, 1 well, 0 not at all.
+        """
         acceleration = self._at_forces(self._free_acceleration, self.forces)
         values = self._grips.deciding(acceleration, self.forces, self.delassus)
         return self.function("probe", ca.vertcat(values, self._determined))

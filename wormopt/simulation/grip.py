@@ -77,7 +77,7 @@ class LineGrip:
         return ca.SX(self.law.smooth(self.velocity, v_reg))
 
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
-        """Forces on contacts that act on no other, from free accelerations."""
+        """Forces on contacts that act on no other; `response`: acceleration by force of each."""
         if self.prescribed:
             return self.slip
         choose = ca.if_else if self.geared else weighted  # avoids multiplying by infinity

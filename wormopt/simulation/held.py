@@ -278,9 +278,11 @@ def _same(low: np.ndarray, high: np.ndarray, levels: np.ndarray, nothing: np.nda
 def _narrow(
     functions: _Functions, cells: _Cells, span: tuple[float, float], longest: float
 ) -> tuple[np.ndarray, bool]:
-    """Ends of the cells in which a function of time is so narrow that steps might miss it."""
-    # Returns them, and whether there was room for all. A function without quiet parts, such as a
-    # sine, is not narrow.
+    """Ends of the cells in which a function of time is so narrow that steps might miss it.
+
+    Also returns whether there was room for all.
+    """
+    # a function without quiet parts, such as a sine, is not narrow
     whole, least = span[1] - span[0], _shortest(span)
     most = min(_MOST_CELLS, _MOST_NUMBERS // functions.timed.courses.numel())
     done, size, rests, sample = list[_Cells](), None, np.zeros(1, dtype=bool), None

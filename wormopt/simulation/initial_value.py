@@ -132,9 +132,11 @@ class InitialValueProblem:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """Speeds of contacts in the plane, see `wormopt.simulation.crossings`; (4, contacts)."""
-        # Speed of a stop; least and largest at the end of an onset; least over largest error of an
-        # onset. 0 for others.
+        """Speeds of contacts in the plane, see `wormopt.simulation.crossings`; (4, contacts).
+
+        Speed of a stop; least and largest at the end of an onset; least over largest error of an
+        onset. 0 for others.
+        """
         tolerated = self.tolerance.relative + self.tolerance.absolute
         least, error = 100 * self.v_stop, _ONSET * tolerated
         rows = [self.v_stop, least, 0.1 * self._nominal_speeds, least / error]

@@ -2,6 +2,8 @@
 
 import math
 import re
+from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +12,13 @@ import mpmath as mp
 import numpy as np
 import pytest
 import sympy as sp
+from effort import examples
 from hints import Capture
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from outcomes import refusals, run_text, value
 from places import DOCS
+from scipy.integrate import quad
 
 import wormopt as wo
 from wormopt.errors import ArgumentError
@@ -114,6 +120,62 @@ def test_numbers_arrays_and_expressions_agree(order: int):
             assert [row(wave, float(each)) for each in xi] == pytest.approx(values, abs=1e-14)
 
 
+@cache
+def residuals() -> Any:
+    """What lubrication leaves over in (20) and (23), scaled by (25), for h = 1 + delta cos xi."""
+    x, z, t, eps, Re, W = sp.symbols("x z t eps Re W", positive=True)
+    delta = sp.Rational(1, 2)
+    xi = t - x
+    h = 1 + delta * sp.cos(xi)
+    C = -2 * (1 - delta**2) / (2 + delta**2)
+    F = -3 * (h + C) / h**3
+    u = F * (z**2 / 2 - h * z)
+    w = F * sp.diff(h, x) * z**2 / 2 + sp.diff(F, x) * (h * z**2 / 2 - z**3 / 6)
+    p = 3 * delta * sp.sin(xi) * (2 + delta * sp.cos(xi)) / ((2 + delta**2) * h**2)
+    field = -p - W * sp.diff(h, x, 2)  # (mu - 1) H² / (8 pi), but for a constant
+
+    def inertia(v: Any) -> Any:
+        return sp.diff(v, t) + u * sp.diff(v, x) + w * sp.diff(v, z)
+
+    along = eps * Re * inertia(u) + sp.diff(p, x) - eps**2 * sp.diff(u, x, 2) - sp.diff(u, z, 2)
+    up = eps**3 * Re * inertia(w) + sp.diff(p, z)
+    up -= eps**2 * (eps**2 * sp.diff(w, x, 2) + sp.diff(w, z, 2))
+    # Stress over P: 2 eps² u_x, eps u_z + eps³ w_x, 2 eps² w_z; n = (-eps h_x, 1) / root
+    slope, root = eps * sp.diff(h, x), sp.sqrt(1 + eps**2 * sp.diff(h, x) ** 2)
+    shear = eps * sp.diff(u, z) + eps**3 * sp.diff(w, x)
+    xx, zz = 2 * eps**2 * sp.diff(u, x), 2 * eps**2 * sp.diff(w, z)
+    traction = (-slope * xx + shear) / root, (-slope * shear + zz) / root
+    normal = (-slope * traction[0] + traction[1]) / root
+    tangential = (traction[0] + slope * traction[1]) / root
+    curvature = -W * sp.diff(h, x, 2) / root**3
+    balance = -p + curvature - field + normal
+    return sp.lambdify(
+        (x, z, t, eps, Re, W),
+        [along, up, *(each.subs(z, h) for each in (balance, tangential / eps))],
+        "numpy",
+    )
+
+
+ORDERS = [(1.0, (1, 2, 2, 2)), (0.0, (2, 2, 2, 2))]
+
+
+@pytest.mark.parametrize(("Re", "orders"), ORDERS)
+def test_navier_stokes_is_met_up_to_the_powers_of_eps_that_lubrication_leaves_out(
+    Re: float, orders: tuple[int, ...]
+):
+    """Momentum along and up; normal and tangential stress, the latter over its own scale eps."""
+    t, share = np.meshgrid(np.linspace(0, 2 * np.pi, 41), np.linspace(0.05, 1, 11))
+    z = share * (1 + 0.5 * np.cos(t))
+    sizes = []
+    for eps in (0.02, 0.01, 0.005):
+        left = residuals()(0.0, z, t, eps, Re, 0.7)
+        sizes.append([float(np.max(np.abs(each + 0 * t))) for each in left])
+    for before, after in pairwise(sizes):
+        rates = np.log2(np.array(before) / np.array(after))
+        assert rates == pytest.approx(np.array(orders), abs=0.1)
+    assert max(sizes[-1]) < 2.0 if Re else max(sizes[-1]) < 0.01
+
+
 # -- any shape -------------------------------------------------------------------------------------
 
 
@@ -143,6 +205,50 @@ def test_sums_converge_spectrally():
     rate, _ = np.polyfit(counts, np.log(errors / counts**2.0), 1)
     assert rate == pytest.approx(math.log(e), rel=0.1)
     assert errors[-1] < 1e-8
+
+
+SHAPES = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=5).filter(
+    lambda rows: sum(abs(a) + abs(b) for a, b in rows) > 0.05
+)
+
+
+def shape(rows: list[tuple[float, float]], half: float) -> FourierWave:
+    """Random harmonics, so small that |h - 1| is at most half."""
+    total = sum(abs(a) + abs(b) for a, b in rows)
+    return FourierWave([half * a / total for a, _ in rows], [half * b / total for _, b in rows])
+
+
+@settings(max_examples=examples(60))
+@given(rows=SHAPES, half=st.floats(0.1, 0.9), other=st.floats(-1.5, 1.5))
+def test_the_field_is_periodic_for_that_constant_and_for_no_other(
+    rows: list[tuple[float, float]], half: float, other: float
+):
+    wave = shape(rows, half)
+    integrals = [
+        quad(lambda s, n=n: wave.height(s) ** n, 0, 2 * math.pi, epsrel=1e-11, limit=500)[0]
+        for n in (-2, -3)
+    ]
+
+    def jump(C: float) -> float:
+        return 3 * (integrals[0] + C * integrals[1])
+
+    assert abs(jump(wave.constant)) < 1e-9 * integrals[1]
+    assert jump(wave.constant + other) == pytest.approx(3 * other * integrals[1], abs=1e-7)
+    xi = grid(wave.nodes)
+    h = wave.height(xi)
+    on_grid = field_function(h, 0.2)
+    assert wave.field_function(xi, 0.2) == pytest.approx(on_grid, abs=1e-10 * np.max(np.abs(h**-3)))
+    peak = wave.peak(0.2)
+    assert np.max(on_grid) <= peak.value + 1e-11 * np.max(h**-3)
+
+
+@settings(max_examples=examples(200))
+@given(rows=SHAPES, delta=st.floats(0.05, 0.95))
+def test_no_shape_carries_more_than_the_square_wave(rows: list[tuple[float, float]], delta: float):
+    wave = shape(rows, 1.0 - 1e-9)
+    swing = wave.height(grid(4096)) - 1
+    h = 1 + delta * swing / np.max(np.abs(swing))
+    assert 1 + flow_constant(h) <= square_wave_flow(delta)
 
 
 def test_steep_waves_come_near_to_the_square_wave():

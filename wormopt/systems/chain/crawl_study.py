@@ -29,7 +29,7 @@ _FRICTION = 1e-2
 
 
 class CrawlStudy(OptimalMotion):
-    """A chain that crawls within limits; other processes can be sent it."""
+    """A chain that crawls within limits. It can be sent to other processes."""
 
     worm: ChainTable = entry("the chain, with `friction`")
     limits: CrawlLimits = entry("limits of the crawl")

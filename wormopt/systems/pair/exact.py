@@ -19,7 +19,7 @@ from wormopt.model.given import fields_of
 from wormopt.model.lift import QUANTITIES, lift
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.values import numbers
-from wormopt.systems.shared.parameters import laws_of_each, parameter, positive
+from wormopt.systems.shared.parameters import laws_of_each, parameter, positive_parameter
 
 
 def magnetic_pair(
@@ -154,10 +154,10 @@ def pair_parts(
     """Make the symbols that all forms of the pair share, from arguments of `magnetic_pair`."""
     t = ca.SX.sym("t")
     sizes = [
-        positive("mass", mass, "mass"),
-        positive("stiffness", stiffness, "stiffness"),
-        positive("push", push, "force"),
-        positive("frequency", frequency, "angular_frequency"),
+        positive_parameter("mass", mass, "mass"),
+        positive_parameter("stiffness", stiffness, "stiffness"),
+        positive_parameter("push", push, "force"),
+        positive_parameter("frequency", frequency, "angular_frequency"),
     ]
     m, c, p, nu = (signal.symbol for signal in sizes)
     if cosines is None:

@@ -594,13 +594,17 @@ class PeristalticWorm(SIStudy, kind="peristaltic-worm"):
 
     @warnings
     def unsettled(self) -> Iterator[str]:
-        """Yield a warning if the advance of a cycle changes over the cycles of the mean."""
+        """Yield a warning if the mean advance differs between the first and last cycles counted."""
         cycles = np.diff(self.signals.center[self.time.settle * self.samples :: self.samples])
-        change = abs(cycles[-1] - cycles[0])
-        if change > max(_SETTLED * np.abs(cycles).max(), _STILL * self.stroke):
+        # whole pairs of cycles, as a motion may repeat after two
+        half = 2 * (len(cycles) // 4) or len(cycles) // 2
+        if not half:
+            return
+        first, last = cycles[:half].mean(), cycles[-half:].mean()
+        if abs(last - first) > max(_SETTLED * np.abs(cycles).max(), _STILL * self.stroke):
             yield (
-                f"the motion has not settled: the advance of a cycle is {cycles[0]:.3g} m after "
-                f"time.settle and {cycles[-1]:.3g} m at the end; write more time.cycles and "
+                f"the motion has not settled: the mean advance of a cycle is {first:.3g} m just "
+                f"after time.settle and {last:.3g} m at the end; write more time.cycles and "
                 "time.settle"
             )
 

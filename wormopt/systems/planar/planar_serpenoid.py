@@ -37,7 +37,7 @@ with on_use():
 # Second routes: force balances are exact to round-off, a minimum of power to its square root.
 _AGREED = {"viscous": 1e-10, "unit": 1e-10, "elliptic": 1e-6}
 
-# Angle in a period that is no rounding.
+# Turn in a period, in rad, above which a finite worm is said to turn.
 _TURNS = 1e-9
 # Least shortfall of the recoil over the squared amplitude that second routes search.
 _LEAST = 1e-9

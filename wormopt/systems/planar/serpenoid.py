@@ -158,7 +158,7 @@ class SerpenoidWave:
     rods per wave; joint angles are the differences.
     """
 
-    alpha: float  # amplitude of the tangent angle
+    alpha: float  # amplitude of the tangent angle, rad
     rods: int
     per_wave: float
 

@@ -238,7 +238,7 @@ def kinematics_at(shape: Shape, s: np.ndarray) -> Kinematics:
 
 @runtime_checkable
 class Stroke(Protocol):
-    """A closed curve of the shape variables over a phase tau from 0 to 1."""
+    """A curve of the shape variables over a phase tau from 0 to 1, closed unless said otherwise."""
 
     @property
     def n_s(self) -> int:

@@ -33,7 +33,7 @@ def measure_works(model: Model, nominal: float) -> Model:
 
 
 def drags_in_ode(model: Model) -> Model:
-    """Return the same worm, without outputs, with linear drag as an ordinary force."""
+    """Return the worm with linear drag as an ordinary force, and then without outputs of it."""
     drags = [c for c in model.contacts if isinstance(c.law, Viscous)]
     if not drags:
         return model

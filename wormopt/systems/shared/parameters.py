@@ -31,7 +31,7 @@ def parameter(name: str, given: ArrayLike, size: int, unit: str) -> Signal:
     return signal
 
 
-def positive(name: str, given: float, unit: str) -> Signal:
+def positive_parameter(name: str, given: float, unit: str) -> Signal:
     """Make a parameter of a model that is one positive number."""
     value = float(numbers(name, given))
     signal = Signal(name, ca.SX.sym(name), unit, lower=TINY, value=value)

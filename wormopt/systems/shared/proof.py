@@ -187,8 +187,8 @@ def _as_far_as_it_goes(
     """Simulate by a second method until some time, the end if None; also whether it got there."""
     most = _MORE_STEPS * tolerance.max_steps
     if route in ("python", "radau"):
-        short = route == "python" and motion.n_steps <= _STIFF
-        most = max(_SPENT_IN_PYTHON, 2 * motion.n_steps if short else 0)
+        few = motion.n_steps if route == "python" and motion.n_steps <= _STIFF else 0
+        most = max(_SPENT_IN_PYTHON, 2 * few)
     try:
         return again(route, motion.end_time if until is None else until, most), True
     except SolveError as error:

@@ -476,8 +476,7 @@ def steps_of_result(result: Result) -> Steps | None:
 
 
 def as_csv(result: Result) -> str | None:
-    """Text of ``steps.csv``; None without steps."""
-    # Also None if the result failed, so that no motor runs with it.
+    """Text of ``steps.csv``; None without steps, or if the result failed: no motor runs with it."""
     steps = _trusted(result)
     return None if steps is None else csv_text(steps)
 

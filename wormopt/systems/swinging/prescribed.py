@@ -19,7 +19,7 @@ from wormopt.model.friction import Coulomb, Law
 from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.values import numbers
-from wormopt.systems.shared.parameters import laws_of_each, positive
+from wormopt.systems.shared.parameters import laws_of_each, positive_parameter
 
 # Accepted sum of the relative momenta, as a share of the largest of a mass.
 _BALANCED = 1e-12
@@ -47,9 +47,9 @@ def harmonic_masses(
     laws, friction = lift(laws_of_each(law, len(cosines)))
     t, V, force = ca.SX.sym("t"), ca.SX.sym("V"), ca.SX.sym("friction", len(cosines))
     sizes = [
-        positive("scale", 1.0, "share"),
-        positive("frequency", frequency, "angular_frequency"),
-        positive("total_mass", masses.sum(), "mass"),
+        positive_parameter("scale", 1.0, "share"),
+        positive_parameter("frequency", frequency, "angular_frequency"),
+        positive_parameter("total_mass", masses.sum(), "mass"),
     ]
     scale, omega, total = (size.symbol for size in sizes)
     order = np.arange(1, cosines.shape[1] + 1)

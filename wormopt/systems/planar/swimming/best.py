@@ -246,7 +246,7 @@ class StrokeAim:
     swimmer: Swimmer
     lower: np.ndarray  # (n_s,)
     upper: np.ndarray
-    maximise: Aim
+    maximise: Aim  # towing work over work, or distance; without net turn
 
     def __post_init__(self) -> None:
         n_s = self.swimmer.shape.s.numel()

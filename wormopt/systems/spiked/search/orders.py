@@ -454,7 +454,7 @@ def _ends_in_turn(links: int, resting: int) -> Iterator[Sequence_]:
 
 
 def _relieved_ends_in_turn(links: int, resting: int) -> Sequence_:
-    """The accordion of two blocks in which a further mass takes load amid each phase."""
+    """The accordion in which a further mass takes load in the middle of each phase."""
     head, more = tuple(range(resting)), tuple(range(resting + 1))
     tail, longer = (tuple(links - i for i in reversed(block)) for block in (head, more))
     return (head, more, head, tail, longer, tail)

@@ -248,8 +248,10 @@ def _instants(
 
 
 def csv_text(steps: Steps) -> str:
-    """Write steps as a table ``time_s,motor,direction`` below lines with ``#`` for parameters."""
-    # Motors are counted from 0, as links are. Numbers are read back exactly.
+    """Write steps as a table ``time_s,motor,direction`` below lines with ``#`` for parameters.
+
+    Motors are counted from 0, as links are. Numbers are read back exactly.
+    """
     head = {
         "period_s": repr(float(steps.period)),
         "travel_m": repr(float(steps.travel)),
