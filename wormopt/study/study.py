@@ -525,7 +525,10 @@ class Study(Given):
         return self._gathered("check", of, names)
 
     def _warnings(self) -> list[str]:
-        return self._gathered("warning", lambda _, found: found)
+        def of(_: Member[Any], found: Iterable[str]) -> Iterable[str]:
+            return found
+
+        return self._gathered("warning", of)
 
     def _value_of(self, path: str) -> Any:
         found: Any = self

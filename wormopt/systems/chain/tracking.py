@@ -20,6 +20,7 @@ with on_use():
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
     from wormopt.simulation.trajectory import Trajectory
+    from wormopt.systems.chain.controllers import DesignedShape
     from wormopt.systems.chain.loops import Links, chain_for, close_loop, draw_links, laws_of
     from wormopt.systems.spiked import gait_of_shape
 
@@ -58,7 +59,7 @@ class Following(Study):
         """Yield lists and gaits that do not fit `links`, the entries of the tracked output."""
         yield from ()
 
-    def faults_of_gait(self, shape: Shape, links: int, key: str) -> Iterator[Fault]:
+    def faults_of_gait(self, shape: Shape | DesignedShape, links: int, key: str) -> Iterator[Fault]:
         """Yield what of a shape does not fit the tracked output."""
         for path, message in shape.faults(links, self.folder, key):
             if self.model is None:
