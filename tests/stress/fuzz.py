@@ -1,10 +1,10 @@
 """Packaged scenes, spoiled at random: does every one end with an answer or a refusal?
 
 `python -m tests.stress.fuzz check 50000` reads as many in this process, `python -m
-tests.stress.fuzz run 300` computes those of cheap scenes that are accepted, each in a process of
-its own. Both tell what must not be: an error that no user can read, a number that is none, a run
-that does not end. `--seed 7` draws others, `--first 120` leaves out those before; a number gives
-the same scene whatever is drawn before it.
+tests.stress.fuzz run 300` computes those of cheap scenes that are accepted, each in a new process.
+Both print faults: errors that no user can read, results that are not numbers, runs that do not
+end. `--seed 7` draws others, `--first 120` leaves out those before; a number gives the same scene
+whatever is drawn before it.
 """
 
 from __future__ import annotations

@@ -96,7 +96,7 @@ def through_hardware(
     def decided(known: ca.SX) -> ca.SX:
         raw = put(loop[input], known)
         limited = saturated(signal, raw)[0]
-        # limits would hide values of parameters that leave the output blind
+        # a limit would hide that, at some parameters, the output does not determine the command
         return ca.if_else(ca.fabs(raw) < ca.inf, limited, raw) if ca.symvar(slopes) else limited
 
     if period is None:
