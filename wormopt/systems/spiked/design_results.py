@@ -15,7 +15,7 @@ from wormopt.result import Check, Result
 from wormopt.study.types import per
 from wormopt.systems.shared.gravity import assumed
 from wormopt.systems.spiked.design.design import Design, objective_of
-from wormopt.systems.spiked.gait_problem import Cost, Effort, GaitTables
+from wormopt.systems.spiked.gait_problem import Cost, Effort, GaitStudy
 from wormopt.systems.spiked.motion import (
     MOTION_VARIABLES,
     agreement,
@@ -44,12 +44,12 @@ COST_SCALARS: dict[Cost, str] = {
 """Scalars that hold the costs."""
 
 
-def with_keys(error: SolveError, table: GaitTables) -> SolveError:
+def with_keys(error: SolveError, study: GaitStudy) -> SolveError:
     """Rewrite the error of a design with keys of scenes; a note explains limits of the motor."""
     reason, suggestion = error.reason, error.suggestion
     notes = [
         f"gait.{name} is here the limit of the motor, motor.lead * motor.{name}_max"
-        for name, whose in _whose(table).items()
+        for name, whose in _whose(study).items()
         if "motor" in whose and f"gait.{name}" in f"{reason} {suggestion}"
     ]
     return SolveError(reason, "; ".join([suggestion, *notes]), code=error.code)
@@ -67,7 +67,7 @@ class DesignReport:
     warnings: tuple[str, ...]
 
 
-def of_design(table: GaitTables, found: Design) -> DesignReport:
+def of_design(study: GaitStudy, found: Design) -> DesignReport:
     """Report on a designed gait, recomputed in closed form and by integration.
 
     Checks fail if a limit is violated by more than 1e-9 of its size, or if the second route
@@ -78,9 +78,9 @@ def of_design(table: GaitTables, found: Design) -> DesignReport:
     excess = dict(found.violations)
     if required is not None:
         excess["objective.speed"] = 1.0 - motion.speed / required
-    unit = unit_of(found.task.objective.quantity, table.units)
+    unit = unit_of(found.task.objective.quantity, study.units)
     objective = Scalar(objective_of(motion, found.task.objective.minimise), unit)
-    scalars = motion_scalars(motion, table.units) | {
+    scalars = motion_scalars(motion, study.units) | {
         "recheck_speed_error": abs(again.speed - motion.speed),
         "cycles": found.cycles,
         "ceiling": found.ceiling,
@@ -90,21 +90,21 @@ def of_design(table: GaitTables, found: Design) -> DesignReport:
         **_limits(found),
     }
     checks = [*_checks(excess, found), *agreement(motion, again), *_under_loads(found)]
-    facts = motion_facts(motion, again) | _facts(found, excess) | assumed(table.units)
+    facts = motion_facts(motion, again) | _facts(found, excess) | assumed(study.units)
     rounded = _rounded(found)
     if rounded:
         facts["rounded"] = rounded
-    if (motor := table.motor) is not None:
+    if (motor := study.motor) is not None:
         # a motor that always needs a ramp, and the gait alone: independent of the design's own
         # check
         needed = demand(found.gait, structs.replace(motor, start_rate=0.0))
-        scalars |= {f"{name}_limit_from": whose for name, whose in _whose(table).items()}
+        scalars |= {f"{name}_limit_from": whose for name, whose in _whose(study).items()}
         scalars["motor_rate_share"] = float(needed.turn_rate_max.max()) / motor.rate_max
         most = float(needed.acceleration_max.max())
         scalars["motor_acceleration_share"] = most / motor.acceleration_max
         checks.append(_check_of_motors(needed))
-        facts |= assumed(table.units, motors=_MOTORS)
-    warnings = (*_warnings(found, table.search.effort), *_warnings_of_steps(rounded))
+        facts |= assumed(study.units, motors=_MOTORS)
+    warnings = (*_warnings(found, study.search.effort), *_warnings_of_steps(rounded))
     return DesignReport(
         objective, scalars, motion_variables(motion), tuple(checks), facts, warnings
     )
@@ -235,9 +235,9 @@ def _check_of_motors(needed: Demand) -> Check:
     return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=needed.feasible)
 
 
-def _whose(table: GaitTables) -> dict[str, list[str]]:
+def _whose(study: GaitStudy) -> dict[str, list[str]]:
     """Source of the smaller limit of each link: "gait" or "motor"."""
-    links, limits, motor = table.counts["links"], table.gait, table.motor
+    links, limits, motor = study.counts["links"], study.gait, study.motor
     if motor is None:
         return {}
     rates = limits.rate_limits(links)

@@ -158,13 +158,6 @@ def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
     return tuple(Fraction(f"{float(x):.11g}") for x in values)
 
 
-def in_json(value: Any) -> Any:
-    """Write fractions as strings, through all lists."""
-    if isinstance(value, list | tuple):
-        return [in_json(each) for each in value]
-    return str(value) if isinstance(value, Fraction) else value
-
-
 def _unit(size: float | Fraction) -> Fraction:
     return Fraction(10) ** (math.floor(math.log10(size)) - _DIGITS)
 

@@ -410,12 +410,6 @@ def is_mirror_symmetric(task: GaitProblem) -> bool:
     return contraction == extension and all(values == values[::-1] for values in of_each)
 
 
-def letters_of(task: GaitProblem) -> list[Resting]:
-    """Sets of masses that may rest together."""
-    masses = range(task.worm.links + 1)
-    return [s for size in task.resting_sizes for s in combinations(masses, size)]
-
-
 def first_orders(task: GaitProblem) -> list[Sequence_]:
     """First orders of every search, for any number of links.
 
@@ -477,9 +471,10 @@ def search_letters(task: GaitProblem) -> list[Resting]:
     round.
     """
     masses, sizes = task.worm.links + 1, task.resting_sizes
-    if task.count_of_sets <= _MOST_SETS:
-        return letters_of(task)
-    least = [size for size in sizes if comb(masses, size) <= _MOST_SETS]
+    counts = [comb(masses, size) for size in sizes]
+    if sum(counts) <= _MOST_SETS:
+        return [s for size in sizes for s in combinations(range(masses), size)]
+    least = [size for size, count in zip(sizes, counts, strict=True) if count <= _MOST_SETS]
     found = {s for size in least for s in combinations(range(masses), size)}
     found |= {s for size in sizes for s in block_wave_sequence(task.worm.links, size)}
     return sorted(found, key=lambda s: (len(s), s))
