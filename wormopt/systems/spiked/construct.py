@@ -11,6 +11,7 @@ from wormopt.errors import ArgumentError, SceneError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.result import Result
 from wormopt.study.scene import Scene
+from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.shared.sequences import block_wave_sequence
 from wormopt.systems.spiked.shapes import BlockWaveShape, FastShape, FileShape, Shape, SineShape
 from wormopt.tables import SUFFIXES
@@ -198,22 +199,14 @@ def _trapezoid(ramp: float) -> list[Row]:
     return [row for row in (rise, cruise, fall) if row[1] > row[0]]
 
 
-_DIMS = {
-    "breaks": ("gait_break",),
-    "polynomial": ("gait_piece", "link", "gait_power"),
-    "omega": ("gait_piece",),
-    "cosine": ("gait_piece", "link"),
-    "sine": ("gait_piece", "link"),
-}
-
-
 def gait_of_result(result: Result, point: int | None = None) -> Gait:
     """Read the gait of a Result, or of a point of a front; ArgumentError if there is none."""
     if point is not None:
         return _gait_of_point(result, point)
     if "gait_polynomial" not in result:
         raise ArgumentError(f"the result of scene {result.scene!r} contains no gait")
-    return Gait(**{k: result[f"gait_{k}"].values for k in _DIMS if f"gait_{k}" in result})
+    known = {name: result[name].values for name in GAIT if name in result}
+    return Gait(**{name.removeprefix("gait_"): values for name, values in known.items()})
 
 
 def _gait_of_point(result: Result, point: int) -> Gait:

@@ -36,7 +36,6 @@ _AT_ONCE_TIME = 0.1
 _OF_STROKES_TIME = 0.25
 # Exponent of a program's time over its size.
 _GROWTH = 1.3
-_LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
 # Precision of the highest provable cost, as a share of the wanted or remaining gap.
 _NEAR = 0.1
 
@@ -218,7 +217,7 @@ def _of_cost(
 
 
 def _lowered(task: GaitProblem, cost: str, most: float) -> GaitProblem:
-    key = _LIMIT_OF[cost]
+    key = cost.removeprefix("peak_")  # of the limit
     given = getattr(task.limits, key)
     count = 1 if given is None or not isinstance(given, tuple) else len(given)
     limit = tuple(min(most, g) for g in per(most if given is None else given, count))

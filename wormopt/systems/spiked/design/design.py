@@ -600,8 +600,9 @@ def _images(trial: Trial) -> Iterator[Trial]:
                 one[::-1] if mirrors and one is not None else one
                 for one in (program.patterns[i] for i in order)
             )
-            same = (program.degree, patterns, program.limits)
-            image = GaitProgram(task, first, program.period, np.roll(program.arcs, -k), *same)
+            image = program.changed(
+                sequence=first, arcs=np.roll(program.arcs, -k), patterns=patterns
+            )
             point = _mirrored(trial, image, order) if mirrors else _turned(trial, image, order)
             if point is not None:
                 yield replace(trial, program=image, point=point)
@@ -648,9 +649,7 @@ class _LongestLinks:
     value: float  # smallest objective, scaled
 
     def __post_init__(self) -> None:
-        like = self.program
-        given = (like.task, like.sequence, like.period, like.arcs, like.degree, like.patterns)
-        own = type(like)(*given, like.limits)
+        own = self.program.changed()
         rows, self.own, self._count = own.rows, own, len(own.rows.upper)
         degree, links = own.degree, own.limits.links
         strokes = np.broadcast_to(own.limits.strokes, own.length.shape)

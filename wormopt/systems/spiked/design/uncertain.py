@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,7 +23,7 @@ from scipy.special import fdtri
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.progress import Report, silent
-from wormopt.systems.spiked.crawl import Crawl, crawl
+from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
@@ -301,10 +301,7 @@ def _check(believed: Believed, limits: Limits, confidence: float) -> None:
 
 def on_plant(design: Design, plant: Worm) -> Crawl:
     """Motion of a worm with other parameters under a design's gait."""
-    limits = design.task.limits
-    load = plant.load_range[1]
-    loads = plant.loads(load)
-    return crawl(design.gait, plant.masses, plant.drag, loads, limits.sharing, limits.spike_load)
+    return replace(design, task=structs.replace(design.task, worm=plant)).motion
 
 
 def load_band(design: Design, believed: Believed, reach: float) -> tuple[np.ndarray, ...]:

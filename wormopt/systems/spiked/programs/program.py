@@ -69,8 +69,7 @@ class GaitProgram(GaitRows):
 
         `period` is the shortest and longest duration of its cycle.
         """
-        same = (self.arcs, self.degree, self.patterns, self.limits)
-        return type(self)(task, self.sequence, period, *same)
+        return self.changed(task=task, period=period, like=self.limits)
 
     def start_arcs(self, widths: np.ndarray) -> Point | None:
         """Best motion with given durations of the arcs, in the task's units; None if infeasible."""
@@ -87,13 +86,9 @@ class GaitProgram(GaitRows):
         `degree` of the velocities is kept by default.
         """
         sequence, lasts = self._lasting(point)
-        begins = self._joined(point) & np.repeat(lasts, self.arcs)
-        first = np.flatnonzero(begins)
-        patterns = self.patterns and tuple(self.patterns[k] for k in np.repeat(first, parts))
-        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])[lasts]
-        widths = np.add.reduceat(point.x[self.h], first) * (self.limits.time / parts)
-        degree = degree or self.degree
-        finer = type(self)(self.task, sequence, self.period, arcs, degree, patterns)
+        parted, widths = self._parted(point, parts, lasts)
+        finer = self.changed(sequence=sequence, degree=degree or self.degree, **parted)
+        widths = widths * (self.limits.time / parts)
         if self._costs is not None:
             return finer, finer.moving(*self._cut(point, widths / self.limits.time, parts))
         return finer, finer.start_arcs(np.repeat(widths, parts))
@@ -103,13 +98,18 @@ class GaitProgram(GaitRows):
 
         Also returns the durations (arcs,) of the same motion, in scaled units.
         """
-        begins = self._joined(point)
+        parted, widths = self._parted(point, parts, np.ones(len(self.sequence), bool))
+        return self.changed(**parted), np.repeat(widths / parts, parts)
+
+    def _parted(
+        self, point: Point, parts: int, lasts: np.ndarray
+    ) -> tuple[dict[str, Any], np.ndarray]:
+        """Arcs and patterns of `cut` in phases that last, and durations of the joined arcs."""
+        begins = self._joined(point) & np.repeat(lasts, self.arcs)
         first = np.flatnonzero(begins)
         patterns = self.patterns and tuple(self.patterns[k] for k in np.repeat(first, parts))
-        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])
-        widths = np.repeat(np.add.reduceat(point.x[self.h], first) / parts, parts)
-        same = (self.degree, patterns, self.limits)
-        return type(self)(self.task, self.sequence, self.period, arcs, *same), widths
+        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])[lasts]
+        return {"arcs": arcs, "patterns": patterns}, np.add.reduceat(point.x[self.h], first)
 
     def lasting(self, point: Point) -> tuple[GaitProgram, Point | None]:
         """Omit phases of almost no duration and join equal neighbours.
@@ -277,7 +277,7 @@ class GaitProgram(GaitRows):
     def speed(self, point: Point) -> float:
         """Mean speed, in the task's units."""
         values = self.bilinear.values(point.x)
-        return float(values[self._advance] / values[self._period]) * self.limits.speed
+        return float(values[self._advance] / values[self.period_row]) * self.limits.speed
 
     def gait(self, point: Point) -> Gait:
         """The cycle as link lengths over time; arcs without duration are left out."""

@@ -53,15 +53,11 @@ class ScaledLimits:
         """Unit of times: the longest period."""
         return self.like.time if self.like else self.task.limits.period_range[1]
 
-    @cached_property
-    def shortest_period(self) -> float:
-        """Shortest period."""
-        return self.task.limits.period_range[0] / self.time
-
-    @cached_property
-    def longest_period(self) -> float:
-        """Longest period: 1 in its own units."""
-        return self.task.limits.period_range[1] / self.time
+    @property
+    def periods(self) -> tuple[float, float]:
+        """Shortest and longest period; the longest is 1 in its own units."""
+        shortest, longest = self.task.limits.period_range
+        return shortest / self.time, longest / self.time
 
     @cached_property
     def mean_mass(self) -> float:
@@ -134,14 +130,9 @@ class ScaledLimits:
 
     def forms(self, resting: Resting) -> list[Form]:
         """All limits on link accelerations, the sum of the spike loads, and actuator forces."""
-        given = self.acceleration
+        given, steps = self.acceleration, np.diff(np.eye(self.links + 1), axis=0)
         most_of_each = np.full(self.links, np.inf) if given is None else given
-        links = [
-            Form(-step, 0.0 * step, most, most)
-            for step, most in zip(
-                np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
-            )
-        ]
+        links = [Form(-s, 0.0 * s, most, most) for s, most in zip(steps, most_of_each, strict=True)]
         return [*links, self._momentum(resting), *self._actuators(resting)]
 
     def binding(self, resting: Resting) -> list[Form]:

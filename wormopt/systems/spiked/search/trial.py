@@ -118,14 +118,7 @@ class Trier:
     def freed(self, trial: Trial) -> Trial | None:
         """Continue a climb with a free period; None if the solver fails."""
         period = float(trial.durations.sum())
-        program = type(trial.program)(
-            self.task,
-            trial.sequence,
-            (period / 2, min(self.longest, 2 * period)),
-            trial.program.arcs,
-            trial.program.degree,
-            trial.program.patterns,
-        )
+        program = trial.program.changed(period=(period / 2, min(self.longest, 2 * period)))
         start = self._near(trial, program, trial.program.widths(trial.point))
         return start and self.climbed(replace(trial, program=program, point=start), 1e-6, 40)
 
@@ -176,8 +169,7 @@ class Trier:
         period = float(trial.durations.sum())
         low, high = self._cycle(cycles, period)
         wanted = float(np.clip(period, low, high))
-        same = trial.program
-        program = type(same)(self.task, trial.sequence, (low, high), same.arcs, same.degree)
+        program = trial.program.changed(task=self.task, period=(low, high), patterns=None)
         widths = trial.program.widths(trial.point) * (wanted / period)
         if has_cost_columns(self.task):
             start = self._near(trial, program, widths)

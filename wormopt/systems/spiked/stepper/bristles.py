@@ -16,6 +16,7 @@ its largest mean weight of a cycle.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import add
 
 import numpy as np
 
@@ -32,7 +33,6 @@ class BristleMotion:
 
     time: np.ndarray  # (m,) times from 0 to the period: the start, and the end of each move
     position: np.ndarray  # (n+1, m) positions of the masses; the head starts at 0
-    holding: np.ndarray  # (n+1, m) whether each bristle holds
     speed: float  # mean speed, from the largest cycle mean
     # difference of the motion over a period from its advance by `speed`, a length
     period_error: float
@@ -94,12 +94,11 @@ def ratchet(steps: Steps, backslip: float, settle_time: float = 0.0) -> BristleM
     time, counts = _ramped(steps, settle_time) if settle_time else _held(steps)
     spans = np.vstack([np.zeros(len(time)), np.cumsum(counts, axis=0)])
     mean, held = _cycle_mean(_period_map(spans[:, 1:], slip))
-    place, holding, left = _follow(spans, held, slip, mean)
+    place, left = _follow(spans, held, slip, mean)
     start = np.concatenate([[0.0], np.cumsum(steps.start)])
     return BristleMotion(
         time,
         steps.travel * place - start[:, None],
-        holding,
         steps.travel * mean / steps.period,
         steps.travel * left,
     )
@@ -196,18 +195,14 @@ def _cycle_mean(matrix: np.ndarray) -> tuple[float, np.ndarray]:
 
 def _follow(
     spans: np.ndarray, held: np.ndarray, slip: float, mean: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Positions of the masses after every move of a period, holding bristles, closing error."""
-    masses = range(len(spans))
-    hold = held.tolist()
-    head, holds = [], []
+) -> tuple[np.ndarray, float]:
+    """Positions of the masses after every move of a period, and the closing error."""
+    hold, head = held.tolist(), []
     for span in spans.T.tolist():
-        reach = [span[i] + hold[i] for i in masses]
-        x = max(reach)
+        x = max(map(add, span, hold))
         head.append(x)
-        holds.append([r >= x - 1e-9 for r in reach])
-        hold = [max(hold[i], x - span[i] - slip) for i in masses]
+        hold = [max(h, x - s - slip) for h, s in zip(hold, span, strict=True)]
     x0 = np.array(head)
     left = float(np.abs(np.array(hold) - held - mean).max())
     left = max(left, abs(x0[-1] - x0[0] - mean))
-    return x0 - x0[0] - spans + spans[:, :1], np.array(holds).T, left
+    return x0 - x0[0] - spans + spans[:, :1], left
