@@ -59,11 +59,7 @@ def fast_gait(period: float, rest_length: float = 2.0, elongation: float = 0.15)
 
 
 def travelling_sine(
-    links: int,
-    period: float,
-    rest_length: float = 2.0,
-    amplitude: float = 0.6,
-    lag: float = 1 / 3,
+    links: int, period: float, rest_length: float = 2.0, amplitude: float = 0.6, lag: float = 1 / 3
 ) -> Gait:
     """Make a sine wave that runs from link to link, l_j = l0 + A sin(2 pi (t/T - (j + 1) lag)).
 
@@ -147,11 +143,7 @@ def accordion(
 
 
 def _strokes(
-    changes: np.ndarray,
-    period: float,
-    length: tuple[float, float],
-    profile: Profile,
-    ramp: float,
+    changes: np.ndarray, period: float, length: tuple[float, float], profile: Profile, ramp: float
 ) -> Gait:
     """Join equal phases in which link j changes its length by ``changes[phase, j]``."""
     phases, links = changes.shape
@@ -221,9 +213,7 @@ def _gait_of_point(result: Result, point: int) -> Gait:
 
 
 def load_gait(
-    path: str | Path,
-    point: int | None = None,
-    units: Literal["dimensionless", "SI"] | None = None,
+    path: str | Path, point: int | None = None, units: Literal["dimensionless", "SI"] | None = None
 ) -> Gait:
     """Load a gait from a table (t, l_0, l_1, ...) or from a saved Result.
 

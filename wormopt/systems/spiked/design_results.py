@@ -91,9 +91,9 @@ def of_design(study: GaitStudy, found: Design) -> DesignReport:
     }
     checks = [*_checks(excess, found), *agreement(motion, again), *_under_loads(found)]
     facts = motion_facts(motion, again) | _facts(found, excess) | assumed(study.units)
-    rounded = _rounded(found)
-    if rounded:
-        facts["rounded"] = rounded
+    limits, rounded = found.task.limits, dict[str, float]()
+    if limits.length_step is not None:  # rounded lengths that change linearly between ticks
+        facts["rounded"] = rounded = excess_of(found.table, limits.tick or 1.0, limits)
     if (motor := study.motor) is not None:
         # a motor that always needs a ramp, and the gait alone: independent of the design's own
         # check
@@ -209,14 +209,6 @@ def _warnings(found: Design, effort: Effort) -> Iterator[str]:
         yield f"the last halving of the arcs still changed the objective by {size}"
     if found.ended not in DONE:
         yield f"the search ended early ({found.ended}): a longer search may find a better gait"
-
-
-def _rounded(found: Design) -> dict[str, float]:
-    """Violation of limits by rounded lengths that change linearly between ticks."""
-    limits = found.task.limits
-    if limits.length_step is None:
-        return {}
-    return excess_of(found.table, limits.tick or 1.0, limits)
 
 
 def _warnings_of_steps(rounded: dict[str, float]) -> Iterator[str]:

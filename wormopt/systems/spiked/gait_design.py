@@ -37,11 +37,7 @@ with on_use():
     from wormopt.systems.spiked.certify.certificate import Verification, verify
     from wormopt.systems.spiked.design.design import Design
     from wormopt.systems.spiked.design.optimize import designed
-    from wormopt.systems.spiked.design.sensitivity import (
-        Sensitivity,
-        scaling_error,
-        sensitivities,
-    )
+    from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
     from wormopt.systems.spiked.design_results import DesignReport, of_design, with_keys
 
 # Rounding of a gait's own value, relative, in its comparison with a bound.
@@ -282,9 +278,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
 
     @scalars(
         DESIGN_SCALARS
-        | {
-            "objective": ("speed", "objective reached, in its quantity, recomputed from the gait"),
-        }
+        | {"objective": ("speed", "objective reached, in its quantity, recomputed from the gait")}
     )
     def numbers(self) -> Mapping[str, Any]:
         return {**self.second_route.scalars, "objective": self.second_route.objective}

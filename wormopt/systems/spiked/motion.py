@@ -31,29 +31,20 @@ MOTION_SCALARS: dict[str, tuple[str, str]] = {
         "force",
         "largest load on a single spike under the sharing rule, without impulses",
     ),
-    "actuator_force_max": (
-        "force",
-        "largest \\|*μ*<sub>j</sub>\\|; unknown if velocities jump",
-    ),
+    "actuator_force_max": ("force", "largest \\|*μ*<sub>j</sub>\\|; unknown if velocities jump"),
     "energy_per_distance": (
         "energy_per_distance",
         "energy spent by the actuators per distance, without recovery; unknown if velocities jump "
         "or the worm does not advance",
     ),
     **COST_OF_TRANSPORT,
-    "mode_sequence": (
-        "count",
-        "resting masses of each phase in order; an empty list is a glide",
-    ),
+    "mode_sequence": ("count", "resting masses of each phase in order; an empty list is a glide"),
     "glides": (
         "time",
         "start and end of each glide; a glide across the end of the period is split into two "
         "entries",
     ),
-    "impulses": (
-        "impulse",
-        "time and size of each impulse on the spikes, summed over the masses",
-    ),
+    "impulses": ("impulse", "time and size of each impulse on the spikes, summed over the masses"),
     "smallest_load": (
         "force",
         "smallest *Γ* at which kinematics alone determines the motion; unknown if there is none",

@@ -137,7 +137,7 @@ class StepperCommands(Study, kind="stepper"):
 
     pictures: ClassVar = {
         "steps": "lengths, a close-up of one link at a reversal, motor rates, positions of the "
-        "masses",
+        "masses"
     }
     exports: ClassVar = {
         "steps.csv": "wormopt.systems.spiked.stepper_commands:as_csv",
@@ -461,10 +461,8 @@ def closest_reversal(gait: Gait, steps: Steps) -> Reversal:
 # -- files ---------------------------------------------------------------------------------------
 
 
-def steps_of_result(result: Result) -> Steps | None:
-    """Commands in a ``stepper`` result; None if the run did not get that far."""
-    if "step_time" not in result:
-        return None
+def _steps_of(result: Result) -> Steps:
+    """Commands in a ``stepper`` result."""
     return Steps(
         result.scalars["period"].value,
         result.scalars["travel_per_step"].value,
@@ -476,16 +474,12 @@ def steps_of_result(result: Result) -> Steps | None:
 
 
 def as_csv(result: Result) -> str | None:
-    """Text of ``steps.csv``; None without steps, or if the result failed: no motor runs with it."""
-    steps = _trusted(result)
-    return None if steps is None else csv_text(steps)
+    """Text of ``steps.csv``; None if the result is not ok: no motor runs with it."""
+    return csv_text(_steps_of(result)) if result.status == "ok" else None
 
 
 def as_c(result: Result) -> str | None:
-    """Text of ``steps.c``; None without steps, or if the result failed: no motor runs with it."""
-    steps = _trusted(result)
-    return None if steps is None else c_text(steps, result.scalars["tick"].value)
-
-
-def _trusted(result: Result) -> Steps | None:
-    return steps_of_result(result) if result.status == "ok" else None
+    """Text of ``steps.c``; None if the result is not ok: no motor runs with it."""
+    if result.status != "ok":
+        return None
+    return c_text(_steps_of(result), result.scalars["tick"].value)

@@ -63,11 +63,7 @@ def at_once(task: GaitProblem) -> Bounded | None:
 
 
 def bounded(
-    task: GaitProblem,
-    value: float,
-    wanted: Certify,
-    report: Report,
-    known: Bounded | None = None,
+    task: GaitProblem, value: float, wanted: Certify, report: Report, known: Bounded | None = None
 ) -> Bounded:
     """Bound every gait of a task, until no gait can be better than `value` by the wanted gap."""
     begun, found, history = time.perf_counter(), None, list(known.history if known else ())
@@ -134,20 +130,17 @@ def _of_speed(task: GaitProblem, known: Bounded | None, until: float) -> Iterato
 
 
 def _by_mean_rates(outer: Outer, best: Bounded) -> Bounded:
-    statement = outer.statement
-    bound = statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
+    bound = outer.statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
     if bound >= best.bound:
         return best
-    found = _certified(statement, bound, outer.proof(outer.mesh), "by the mean rates of links")
-    return replace(found, outer=outer)
+    return _certified(outer, bound, outer.proof(outer.mesh), "by the mean rates of links")
 
 
 def _by_program(outer: Outer, level: Level, until: float, best: Bounded) -> Bounded:
     bound, proof = Program(outer, level).solve(until - time.perf_counter())
     if bound >= best.bound:
         return best
-    source = f"by a linear program, level {tuple(level)}"
-    return replace(_certified(outer.statement, bound, proof, source), outer=outer)
+    return _certified(outer, bound, proof, f"by a linear program, level {tuple(level)}")
 
 
 def _levels(
@@ -172,11 +165,12 @@ def _levels(
         seconds, before = time.perf_counter() - begun, size
 
 
-def _certified(statement: Statement, bound: float, proof: dict[str, Any], source: str) -> Bounded:
+def _certified(outer: Outer, bound: float, proof: dict[str, Any], source: str) -> Bounded:
     """Write a bound and its proof."""
     whole = rounded_up(bound)
-    certificate = Certificate.of(statement.fields, proof, whole)
-    return Bounded(math.nextafter(float(whole), math.inf), certificate, source, ())
+    certificate = Certificate.of(outer.statement.fields, proof, whole)
+    above = math.nextafter(float(whole), math.inf)
+    return Bounded(above, certificate, source, (), outer=outer)
 
 
 def _of_cost(
@@ -202,12 +196,11 @@ def _of_cost(
             if high - best.bound <= _NEAR * max(gap * value, value - best.bound):
                 break
             middle = float(f"{(best.bound + high) / 2:.6g}")
-            statement = Statement.of(_lowered(task, cost, middle))
-            outer = Outer(statement)
+            outer = Outer(Statement.of(_lowered(task, cost, middle)))
             outer.shorten(until - time.perf_counter())
             bound, proof = Program(outer, level).solve(until - time.perf_counter())
             source = f"by a linear program, level {tuple(level)}"
-            proven = _certified(statement, max(bound, _NEAR * required), proof, source)
+            proven = _certified(outer, max(bound, _NEAR * required), proof, source)
             if proven.bound < required:
                 best = replace(proven, bound=middle)
                 yield best

@@ -22,6 +22,7 @@ import numpy as np
 from wormopt.numerics.linear_program import interior_point
 from wormopt.systems.shared.sequences import Resting
 from wormopt.systems.spiked.certify.statement import Statement, rounded_up, up, wider
+from wormopt.systems.spiked.programs.scaled_limits import of_actuators
 
 
 class Level(NamedTuple):
@@ -186,7 +187,7 @@ class Outer:
         below = count * (low - float(s.sigma_margin) / self._force)
         rows.append((np.ones((1, count)), np.array([above]), np.array([below])))
         if s.actuator_force is not None and (len(rest) == 1 or s.sharing == "equal"):
-            weights, per_load = _of_actuators(rest, count)
+            weights, per_load = of_actuators(rest, count)
             most = _floats(s.actuator_force) / self._force
             own = weights @ _floats(s.beyond) / self._force
             ends = np.sort(np.outer(per_load, [low, high]), axis=1) + own[:, None]
@@ -246,14 +247,6 @@ def _common(values: list[Fraction]) -> Fraction:
     """Largest fraction whose whole multiples they all are."""
     below = math.lcm(*(x.denominator for x in values))
     return Fraction(math.gcd(*(int(x * below) for x in values)), below)
-
-
-def _of_actuators(resting: Resting, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """For each actuator: weights of the masses' forces, and its force at rest per load."""
-    rest = len(resting)
-    held = np.array([sum(i < j for i in resting) for j in range(1, count)])
-    ahead = np.arange(count) < np.arange(1, count)[:, None]
-    return held[:, None] / rest - ahead, (held * count - rest * np.arange(1, count)) / rest
 
 
 def _vertices(

@@ -26,7 +26,6 @@ from wormopt.systems.shared.sequences import (
     lasting_phases,
     wave_direction,
 )
-from wormopt.systems.spiked.gait_problem import GaitProblem
 from wormopt.systems.spiked.programs.gait_rows import (
     GaitRows,
     Pattern,
@@ -44,7 +43,7 @@ _TIE = 1e-7
 class GaitProgram(GaitRows):
     """Bilinear program of one cyclic order of rest; `period` (min, max) overrides the limits.
 
-    `patterns`: unloaded and full spikes by arc (`split.py`), by default any; `like`: limits that
+    `patterns`: unloaded and full spikes by arc (`Pattern`), by default any; `like`: limits that
     define the units. Where velocities may jump, smooth costs are omitted and the speed is
     maximised.
     """
@@ -63,13 +62,6 @@ class GaitProgram(GaitRows):
             shares = random.uniform(0.7, 1.3, self.total)
         sums = np.add.reduceat(shares, self._edges[:-1])
         return self.start_arcs(shares * np.repeat(np.asarray(durations) / sums, self.arcs))
-
-    def moved(self, task: GaitProblem, period: tuple[float, float]) -> GaitProgram:
-        """The program of another task of the same form, with the same unknowns, rows and units.
-
-        `period` is the shortest and longest duration of its cycle.
-        """
-        return self.changed(task=task, period=period, like=self.limits)
 
     def start_arcs(self, widths: np.ndarray) -> Point | None:
         """Best motion with given durations of the arcs, in the task's units; None if infeasible."""

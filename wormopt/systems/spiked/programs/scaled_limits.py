@@ -189,18 +189,24 @@ class ScaledLimits:
             )
 
     def actuators(self, resting: Resting) -> Iterator[tuple[np.ndarray, float]]:
-        """For each actuator: weights (n + 1,) of the forces on masses, force at rest per load."""
-        # All loads are equal, and the resting masses share them equally.
-        count, rest = self.links + 1, len(resting)
-        for j in range(1, count):
-            # whole numbers, so that cancelling terms give exactly 0
-            held = sum(i < j for i in resting)
-            weight = (held - rest * (np.arange(count) < j)) / rest
-            yield weight, (held * count - rest * j) / rest
+        """Yield `of_actuators` for each actuator."""
+        return zip(*of_actuators(resting, self.links + 1), strict=True)
 
     def _apart(self, high: float, low: float) -> float:
         """Difference of two forces, rounded up, in units of force."""
         return (high - low + _ROUNDING * (abs(high) + abs(low))) / self.force
+
+
+def of_actuators(resting: Resting, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (n, n + 1) of the forces on `count` masses, and force at rest per load (n,).
+
+    All loads are equal, and the resting masses share them equally.
+    """
+    # whole numbers, so that cancelling terms give exactly 0
+    ahead = np.arange(count) < np.arange(1, count)[:, None]
+    held, rest = ahead[:, list(resting)].sum(axis=1), len(resting)
+    weights = (held[:, None] - rest * ahead) / rest
+    return weights, (held * count - rest * ahead.sum(axis=1)) / rest
 
 
 @lru_cache(maxsize=64)

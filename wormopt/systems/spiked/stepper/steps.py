@@ -89,12 +89,9 @@ class Steps:
     @property
     def intervals_min(self) -> np.ndarray:
         """Shortest time between two steps of each motor, shape (n,), infinite without steps."""
-        shortest = np.full(self.links, np.inf)
-        for j in range(self.links):
-            time, _ = self.of_motor(j)
-            if time.size:
-                shortest[j] = np.diff(time, append=time[0] + self.period).min()
-        return shortest
+        times = [self.of_motor(j)[0] for j in range(self.links)]
+        after = [np.diff(time, append=time[:1] + self.period) for time in times]
+        return np.array([intervals.min(initial=np.inf) for intervals in after])
 
     @property
     def interval_min(self) -> float:
@@ -139,13 +136,9 @@ def step_times(gait: Gait, stepper: Stepper) -> Steps:
     """
     demand(gait, stepper).refuse(stepper)
     start = gait(np.zeros(1))[:, 0]
-    times, motors, directions = [], [], []
-    for j in range(gait.links):
-        time, direction = _steps_of_link(gait, stepper, j, float(start[j]))
-        times.append(time)
-        directions.append(direction)
-        motors.append(np.full(len(time), j))
-    time, motor, direction = map(np.concatenate, (times, motors, directions))
+    found = [_steps_of_link(gait, stepper, j, float(start[j])) for j in range(gait.links)]
+    time, direction = map(np.concatenate, zip(*found, strict=True))
+    motor = np.repeat(np.arange(gait.links), [len(times) for times, _ in found])
     order = np.lexsort((motor, time))
     return Steps(
         gait.period, stepper.travel, start, time[order], motor[order], direction[order].astype(int)
@@ -155,10 +148,7 @@ def step_times(gait: Gait, stepper: Stepper) -> Steps:
 def turning_times(gait: Gait, link: int) -> np.ndarray:
     """Breaks of the gait and times at which a length reverses; it is monotone between them."""
     # Ascending, from 0 to the period; links are counted from 0.
-    found = [gait.breaks[:1]]
-    for piece, a, b in _runs(gait, link):
-        found.append(np.array([gait.breaks[piece] + a, gait.breaks[piece] + b]))
-    return np.unique(np.concatenate(found))
+    return np.unique([gait.breaks[q] + s for q, *ends in _runs(gait, link) for s in ends])
 
 
 def quantisation_error(gait: Gait, steps: Steps) -> np.ndarray:
