@@ -72,8 +72,7 @@ def travelling_sine(
     rest_length, amplitude : float, optional
         Mean length l0 and amplitude A of every link.
     lag : float, optional
-        Lag of each link behind the one ahead of it, as a share of the period. Link 0 has the same
-        lag.
+        Lag of each link, also of link 0, behind the one ahead of it, as a share of the period.
 
     Returns
     -------
@@ -222,8 +221,7 @@ def load_gait(
     path : str or Path
         A text file (``.csv``, ``.txt``, ``.tsv``, ``.dat``), a ``result.nc``, or a result's folder.
     point : int, optional
-        Point of a front (kind ``gait-pareto``), numbered from 0, the slowest. The default is its
-        knee.
+        Point of a front (kind ``gait-pareto``), numbered from 0, the slowest; by default its knee.
     units : {"dimensionless", "SI"}, optional
         Units of the returned gait: lengths in m and times in s, or no units. By default, a table
         is converted to SI, and a result keeps its units.

@@ -34,8 +34,7 @@ from wormopt.systems.spiked.stretches import (
 class Crawl(SampledMotion):
     """Periodic motion of a worm with spikes under a prescribed gait.
 
-    `motion[name]` returns samples of a signal at the times `motion.time`. Signals are listed in
-    `names`.
+    `motion[name]` returns samples of a signal, one of `names`, at the times `motion.time`.
 
     Parameters
     ----------

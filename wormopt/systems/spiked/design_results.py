@@ -26,10 +26,8 @@ from wormopt.systems.spiked.motion import (
 )
 from wormopt.systems.spiked.search.search import DONE
 from wormopt.systems.spiked.stepper.stepper import Demand, demand
-from wormopt.systems.spiked.verify import excess_of
+from wormopt.systems.spiked.verify import ACCEPTED, excess_of
 
-# A gait is accepted if every limit holds and the second route agrees within this share.
-_ACCEPTED = 1e-9
 _MOTORS = (
     "one motor per link turns a threaded rod: |l'| <= lead rate_max and |l''| <= lead "
     "acceleration_max hold at all times, also below motor.start_rate, where motors need no ramp; "
@@ -95,8 +93,7 @@ def of_design(study: GaitStudy, found: Design) -> DesignReport:
     if limits.length_step is not None:  # rounded lengths that change linearly between ticks
         facts["rounded"] = rounded = excess_of(found.table, limits.tick or 1.0, limits)
     if (motor := study.motor) is not None:
-        # a motor that always needs a ramp, and the gait alone: independent of the design's own
-        # check
+        # a motor that always needs a ramp, and the gait alone: independent of the design's check
         needed = demand(found.gait, structs.replace(motor, start_rate=0.0))
         scalars |= {f"{name}_limit_from": whose for name, whose in _whose(study).items()}
         scalars["motor_rate_share"] = float(needed.turn_rate_max.max()) / motor.rate_max
@@ -113,10 +110,10 @@ def of_design(study: GaitStudy, found: Design) -> DesignReport:
 def _checks(excess: dict[str, float], found: Design) -> Iterator[Check]:
     for key, value in excess.items():
         over = float(np.maximum(value, 0.0))  # NaN remains
-        yield Check(key, over, _ACCEPTED, f"{key} is exceeded by {value:.2g} of its value")
+        yield Check(key, over, ACCEPTED, f"{key} is exceeded by {value:.2g} of its value")
     above = found.speed / found.ceiling - 1.0
     advice = "the speed is above its ceiling, which is an error; please report this scene"
-    yield Check("speed over its ceiling", max(0.0, above), _ACCEPTED, advice)
+    yield Check("speed over its ceiling", max(0.0, above), ACCEPTED, advice)
 
 
 def _under_loads(found: Design) -> Iterator[Check]:
@@ -213,7 +210,7 @@ def _warnings(found: Design, effort: Effort) -> Iterator[str]:
 
 def _warnings_of_steps(rounded: dict[str, float]) -> Iterator[str]:
     for name, value in rounded.items():
-        if value > _ACCEPTED:
+        if value > ACCEPTED:
             yield (
                 f"lengths rounded to gait.length_step exceed {name} by {value:.2g} of its value "
                 "from tick to tick: write a smaller gait.length_step or a larger gait.tick"
@@ -224,7 +221,7 @@ def _check_of_motors(needed: Demand) -> Check:
     # a period too short by a share means accelerations too large by twice this share
     name, short = needed.strictest.name, max(0.0, needed.period_min / needed.period - 1.0)
     advice = f"motor.{name} is exceeded: the gait needs a period of {needed.period_min}"
-    return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=needed.feasible)
+    return Check(f"motor.{name}", short, ACCEPTED, advice, passed=needed.feasible)
 
 
 def _whose(study: GaitStudy) -> dict[str, list[str]]:

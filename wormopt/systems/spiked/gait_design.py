@@ -70,10 +70,9 @@ class GaitDesign(DesignTable, kind="gait-design"):
 
     Kind [`gait`](gait.md) explains the scalars and variables. Signals and the saved gait cover one
     cycle, `period` long. `objective`, `bound`, `discretisation_error`, `proof_bound` and
-    `proof_value` have the quantity of the objective. The attribute `limits`
-    holds the lists `name`, `value`, `unit` and `one_sided` in the order of `limit_elasticity`, and
-    `objective`. `limit_elasticity` is the relative sensitivity of the objective to each limit (0
-    for a limit of 0).
+    `proof_value` have the quantity of the objective. The attribute `limits` holds the lists `name`,
+    `value`, `unit` and `one_sided` in the order of `limit_elasticity`, and `objective`.
+    `limit_elasticity` is the relative sensitivity of the objective to each limit, 0 for one of 0.
 
     **Sensitivities.** The scalars `sensitivity.KEY` give the change of the objective per unit of
     each number in `[gait]`, `[worm]` and `objective.speed`. They show which limits bind the gait:
@@ -88,8 +87,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
     - It is the derivative of the optimal objective for this resting sequence and number of cycles.
       If another sequence becomes better, the gain is larger than the derivative, never smaller.
     - It refers to the direction in which the objective improves; for limits, this is relaxation. A
-      limit of 0 can only be raised: `sensitivity.sigma_margin` is then the cost of a first small
-      margin.
+      limit of 0 can only be raised: `sensitivity.sigma_margin` is then the cost of a small margin.
     - If raising and lowering a limit differ by more than 1 %, another limit becomes active at this
       point. The trust report lists these limits under `sensitivity.one_sided`. If several limits
       bind together and relaxing any single one does not help, the sensitivity of each is 0.
@@ -100,8 +98,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
       scene or the motor.
     - `sensitivity.scaling_error` in the trust report is the error of a known identity: a change of
       the units of mass, length and time does not change the gait, so certain sums of relative
-      sensitivities are known. It is near 0 unless a limit has different sensitivities in the two
-      directions.
+      sensitivities are known. It is near 0 unless sensitivities differ between the directions.
     - With `gait.tick` they are the sensitivities of the optimal gait without `gait.tick`, because
       with whole ticks the optimal objective moves in jumps.
     - They are unknown for `energy_per_distance`, for `acceleration_effort` and for an interrupted

@@ -326,8 +326,7 @@ class Search(Given):
 
     Without `phases`, plain sequences are listed up to 4 phases and varied up to 12 phases.
     Constructed sequences have as many phases as they need; a travelling wave of *n* links has up to
-    *n* + 1. [Theory](../theory-kinematic.md#84-the-search-over-orders) explains how sequences are
-    tried.
+    *n* + 1. [Theory](../theory-kinematic.md#84-the-search-over-orders) explains the search.
 
     | effort | plain sequences, at most | sequences varied at a time, doubled after a round without gain | variations per round, at most | rounds without gain before the end | work, pivots times rows and columns | other starts (for a cost) | sequences sharpened |
     | --- | --- | --- | --- | --- | --- | --- | --- |

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SolveError
@@ -21,6 +22,7 @@ from wormopt.study import (
     on_use,
     parts,
     scalar,
+    scalars,
     signal,
     stage,
     value,
@@ -55,6 +57,13 @@ with on_use():
 
 _ACCEPTED = 1e-9  # share of the distance (motion) or of the link rates (speeds)
 _ROUNDING = 1e-6  # share of a microstep: a length has up to a million of them
+_KEYS = {  # that are scalars too, for pictures
+    "turn_rate_limit": ("rate", "motor.rate_max"),
+    "acceleration_limit": ("rate_change", "motor.acceleration_max"),
+    "start_rate": ("rate", "motor.start_rate"),
+    "backslip": ("length", "bristles.backslip"),
+    "settle_time": ("time", "bristles.settle_time"),
+}
 _SHOWN = 8  # steps before and after a reversal in the close-up of the picture
 _ASSUMED = {
     "bristles": "a mass slips back by bristles.backslip from its foremost position; then its "
@@ -258,17 +267,9 @@ class StepperCommands(Study, kind="stepper"):
     def period_limited_by(self) -> str:
         return f"motor.{self.demand.strictest.name}"
 
-    @scalar("rate", "`motor.rate_max`")
-    def turn_rate_limit(self) -> float:
-        return self.motor.rate_max
-
-    @scalar("rate_change", "`motor.acceleration_max`")
-    def acceleration_limit(self) -> float:
-        return self.motor.acceleration_max
-
-    @scalar("rate", "`motor.start_rate`")
-    def start_rate(self) -> float:
-        return self.motor.start_rate
+    @scalars({name: (quantity, f"`{key}`") for name, (quantity, key) in _KEYS.items()})
+    def settings(self) -> Mapping[str, float]:
+        return {name: attrgetter(key)(self) for name, (_, key) in _KEYS.items()}
 
     @scalar("length", "change of length per microstep")
     def travel_per_step(self) -> float:
@@ -313,14 +314,6 @@ class StepperCommands(Study, kind="stepper"):
     @scalar("speed", "`speed_ideal` minus `speed`", headline=True)
     def speed_lost(self) -> float:
         return self.speed_ideal - self.speed
-
-    @scalar("length", "`bristles.backslip`")
-    def backslip(self) -> float:
-        return self.bristles.backslip
-
-    @scalar("time", "`bristles.settle_time`")
-    def settle_time(self) -> float:
-        return self.bristles.settle_time
 
     @scalar("time", "`tick` of the timer", name="tick")
     def timer_tick(self) -> float:

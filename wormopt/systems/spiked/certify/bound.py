@@ -46,7 +46,7 @@ class Bounded:
 
     bound: float  # no gait is faster, or cheaper
     certificate: Certificate | None  # None: from rates and resting masses alone
-    source: str  # None: from rates and resting masses alone
+    source: str  # how it was found, in words
     history: tuple[tuple[float, float], ...]  # (seconds, bound) at each improvement
     ending: Ending = "finest program"
     outer: Outer | None = field(default=None, repr=False)  # larger programs continue from here
@@ -58,8 +58,10 @@ def at_once(task: GaitProblem) -> Bounded | None:
         return None
     begun = time.perf_counter()
     found = [(time.perf_counter() - begun, each) for each in _small(task)]
-    history = tuple((seconds, each.bound) for seconds, each in found)
-    return replace(found[-1][1], history=history)
+    reached = dict[float, float]()  # when each bound was known
+    for seconds, each in found:
+        reached.setdefault(each.bound, seconds)
+    return replace(found[-1][1], history=tuple((s, bound) for bound, s in reached.items()))
 
 
 def bounded(

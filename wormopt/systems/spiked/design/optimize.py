@@ -21,10 +21,9 @@ from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
 from wormopt.systems.spiked.search.search import Known, Survey, search
 from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.verify import ACCEPTED
 
 _SEARCH = Search()
-# Accepted relative violation of a limit.
-_ACCEPTED = 1e-9
 # Periods with a smaller relative difference are equal.
 _SAME = 1e-12
 # Settings of the climbs by which gaits of whole ticks are compared.
@@ -96,7 +95,7 @@ def design(
         )
     found = designed(task, search, report)
     name, excess = max(found.violations.items(), key=lambda item: item[1])
-    if excess > _ACCEPTED:
+    if excess > ACCEPTED:
         raise SolveError(
             f"the best gait found exceeds {name} by {excess:.2g} of its value",
             "relax limits of very different magnitudes, or try another search.seed",

@@ -125,8 +125,7 @@ def sensitivities(design: Design) -> Sensitivities:
     Parameters
     ----------
     design : Design
-        A design for speed or a peak load. If its cycles are whole ticks, its `free` design is
-        used.
+        A design for speed or a peak load. If its cycles are whole ticks, its `free` design is used.
 
     Returns
     -------

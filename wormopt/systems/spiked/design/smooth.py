@@ -28,6 +28,7 @@ from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search
 from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, is_energy
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.verify import ACCEPTED
 
 # Refinement ends when halving every arc changes the cost by less than this share.
 _RESOLVED = 1e-6
@@ -42,9 +43,8 @@ _MOST_UNKNOWNS, _MOST_HALVINGS = 1000, 5
 # Number of best trials of the energy that are refined; share of the cost within which costs are
 # minimised from other trials too: on arcs as coarse as theirs values differ by as much.
 _POLISHED, _NEAR = 2, 0.01
-# Refinement of the energy ends below this gain, as a share of the whole; accepted violation of
-# limits.
-_GAINED, _KEPT = 3e-7, 1e-9
+# Refinement of the energy ends below this gain, as a share.
+_GAINED = 3e-7
 
 
 def smoothest(
@@ -80,7 +80,7 @@ def smoothest(
 
 def _cost(found: Design) -> float:
     """Smooth cost of a gait; infinite if it violates limits by more than solvers do."""
-    if max(found.violations.values()) > _KEPT:
+    if max(found.violations.values()) > ACCEPTED:
         return np.inf
     return objective_of(found.motion, found.task.objective.minimise)
 

@@ -74,8 +74,7 @@ def least_patterns(
 ) -> list[Pattern]:
     """Patterns of the least split for the forces `needed` (arcs, n + 1) on the masses.
 
-    With `olds`, masses for which two patterns hold get the other one. `full`: largest load of each
-    spike.
+    With `olds`, masses for which two patterns hold get the other one. `full`: the spikes' limits.
     """
     bare, total, held = -np.cumsum(needed, axis=1).T, needed.sum(axis=1), list(resting)
     loads = share_load(total, bare, resting, "least_actuation", full)
@@ -179,7 +178,7 @@ class GaitRows:
         """Release the solver: the next solution then starts alike in every process."""
         vars(self).pop("bilinear", None)
 
-    @property
+    @cached_property
     def _phases(self) -> int:
         """Phases whose rows of links are stated; the rows of all others follow from them."""
         return len(self.sequence)

@@ -44,8 +44,7 @@ class GaitProgram(GaitRows):
     """Bilinear program of one cyclic order of rest; `period` (min, max) overrides the limits.
 
     `patterns`: unloaded and full spikes by arc (`Pattern`), by default any; `like`: limits that
-    define the units. Where velocities may jump, smooth costs are omitted and the speed is
-    maximised.
+    define the units. Where velocities may jump, smooth costs give way to the speed.
     """
 
     # -- points ----------------------------------------------------------------------------------
@@ -163,8 +162,7 @@ class GaitProgram(GaitRows):
     def _joined(self, point: Point) -> np.ndarray:
         """Mask of arcs that must begin where they do."""
         # Arcs begin at phases, changes of acceleration, and turns of a length. The coefficients
-        # keep the length in its range; on an arc with a turn inside, they would keep it farther
-        # from the ends.
+        # keep the length in its range, and farther from its ends if it turns inside.
         begins = np.zeros(self.total, bool)
         begins[self._edges[:-1]] = True
         (h, v, _), last = self.motion(point), -1
@@ -308,16 +306,11 @@ class WaveProgram(GaitProgram):
     """
 
     @cached_property
-    def _uniform(self) -> bool:
-        return all(len(set(values)) == 1 for values in self.task.of_each)
-
-    @property
     def _phases(self) -> int:
-        if not self._uniform:
+        if any(len(set(values)) > 1 for values in self.task.of_each):
             return len(self.sequence)
         # In the first phase, every pair of neighbouring classes is that of a link. With as many
-        # phases as masses, the pair of the last and the first class is that of a link in the second
-        # phase only.
+        # phases as masses, the last and the first class are those of a link in the second.
         return 1 if len(self.sequence) <= self.limits.links else 2
 
     def _add_columns(self) -> None:

@@ -182,9 +182,8 @@ def _generate(rates: np.ndarray, resting: int, sets: list[tuple[int, ...]] | Non
 def _proven(values: np.ndarray, weights: np.ndarray) -> float:
     """Proven bound on the speed from the largest weighted sums of velocities of the resting sets.
 
-    If all masses advance alike, the speed is such a sum over the sum of the weights, accumulated
-    as in `_Chain.gains`. Any weights give a bound, and sums of terms of one sign have a known
-    relative error.
+    If all masses advance alike, the speed is such a sum over the sum of the weights, accumulated as
+    in `_Chain.gains`. Any weights give a bound; sums of terms of one sign have a known error.
     """
     return float(values.max() / np.cumsum(weights)[-1]) * (1 + _ROUNDING)
 
@@ -467,8 +466,7 @@ def _best_sets_in_turn(task: GaitProblem) -> Iterator[Sequence_]:
 def search_letters(task: GaitProblem) -> list[Resting]:
     """Sets of resting masses from which orders are made.
 
-    All sets if they are few, else those of sizes with few sets, and blocks of neighbours that wrap
-    round.
+    All sets if few, else those of sizes with few sets, and blocks of neighbours that wrap round.
     """
     masses, sizes = task.worm.links + 1, task.resting_sizes
     counts = [comb(masses, size) for size in sizes]

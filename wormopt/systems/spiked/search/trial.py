@@ -56,8 +56,7 @@ class Trial:
 class Trier:
     """Tries orders of rest of one task.
 
-    Climbs stop at the time `until` (monotonic clock) or after `work` each: pivots times (rows +
-    columns).
+    Climbs stop at the time `until` (monotonic clock) or after `work`, pivots × (rows + columns).
     """
 
     def __init__(self, task: GaitProblem, until: float = np.inf, work: float = np.inf) -> None:
@@ -145,9 +144,9 @@ class Trier:
     def fits(self, trial: Trial) -> list[Trial]:
         """Fit a trial with a free period to the nearest numbers of cycles."""
         period = float(trial.durations.sum())
-        counts = {max(1, ceil(self.shortest / period / _UP))}
-        if max(counts) * period > self.longest * _UP:  # no whole number of cycles is in the range
-            counts.add(max(1, floor(self.longest / period * _UP)))
+        counts = {max(1, ceil(self.shortest / period / UP))}
+        if max(counts) * period > self.longest * UP:  # no whole number of cycles is in the range
+            counts.add(max(1, floor(self.longest / period * UP)))
         fitted = [self.fitted(trial, count) for count in sorted(counts)]
         if not any(fitted) and self.task.objective.speed is not None:
             # the cheapest gait has no speed to spare: search for a fast one again
@@ -335,7 +334,7 @@ class Trier:
 _FEWEST_ARCS, _MOST_ARCS, _ARCS = 2, 4, 16
 # Programs of travelling waves with more unknowns are reduced to one phase.
 _LARGE = 1800
-_UP = 1 + 1e-9
+UP = 1 + 1e-9  # a period within this share of a bound is at the bound
 # Shares of their ranges in which velocities may change when durations change.
 _NEARNESS = (0.05, 0.4, np.inf)
 # Bounds of a free period, as multiples of its first guess.

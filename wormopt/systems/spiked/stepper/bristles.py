@@ -4,8 +4,7 @@ It models the prototype in section 2.5 of Zimmermann et al. 2007. Lengths are pr
 only unknown is the position of the whole worm. A bristle lets its mass slip back by `backslip` from
 its foremost position and then holds. The worm is never ahead of where the bristles hold it, which
 is w = 0 in eq. 7 under a sufficient load: x_0 = max over i of (S_i + h_i), where h_i is the
-position
-at which mass i is held.
+position at which mass i is held.
 
 While all lengths change linearly, velocities never decrease (x_0 is a maximum of linear functions),
 so no mass moves back after it moved forward. The positions at the end of such a piece are therefore
@@ -156,8 +155,7 @@ def _ramps(begin: np.ndarray, sign: np.ndarray, settle_time: float, t: np.ndarra
 
 def _period_map(spans: np.ndarray, slip: float) -> np.ndarray:
     """Matrix over (max, +) from the held positions to those a period later."""
-    # After a move the worm is at x_0 = max_k (S_k + h_k), and h_i becomes max(h_i, x_0 - S_i -
-    # slip).
+    # After a move the worm is at x_0 = max_k (S_k + h_k), then h_i is max(h_i, x_0 - S_i - slip).
     masses = len(spans)
     whole = np.where(np.eye(masses, dtype=bool), 0.0, -np.inf)
     for first in range(0, spans.shape[1], _BATCH):
