@@ -347,11 +347,9 @@ def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
         bernstein_matrix(nodes)
     )
     pieces = np.zeros((len(kept), links, m + 3))
-    k = np.arange(m + 1)
-    for row, arc in enumerate(kept):
-        h = arcs.duration[arc]
-        pieces[row, :, 0] = arcs.start[1 : links + 1, arc]
-        pieces[row, :, 1] = arcs.start[links + 2 :, arc]
-        power = arcs.inputs[:, :, arc] @ to_powers.T / h**k
-        pieces[row, :, 2:] = power / ((k + 1) * (k + 2))
+    k, h = np.arange(m + 1), arcs.duration[kept, None, None]
+    pieces[:, :, 0] = arcs.start[1 : links + 1, kept].T
+    pieces[:, :, 1] = arcs.start[links + 2 :, kept].T
+    power = arcs.inputs[:, :, kept].transpose(2, 0, 1) @ to_powers.T / h**k
+    pieces[:, :, 2:] = power / ((k + 1) * (k + 2))
     return Gait(np.concatenate([[0.0], np.cumsum(arcs.duration[kept])]), pieces)

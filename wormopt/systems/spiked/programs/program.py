@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from math import comb
 from typing import Any
 
@@ -165,24 +166,20 @@ class GaitProgram(GaitRows):
         # keep the length in its range, and farther from its ends if it turns inside.
         begins = np.zeros(self.total, bool)
         begins[self._edges[:-1]] = True
-        (h, v, _), last = self.motion(point), -1
+        h, v, _ = self.motion(point)
         long = h > _SHORT * h.sum()
         if self.degree > 1 or not self._continuous:
             return begins | long
         slopes = (v[:, 1] - v[:, 0]) / np.where(long, h, 1.0)[:, None]
         rates = np.diff(v, axis=2)
         ways = np.where(np.abs(rates) < 1e-6, 0.0, np.sign(rates))
-        for k in range(self.total):
-            if begins[k]:
-                last = k if long[k] else -1
-            elif long[k]:
-                if last >= 0:
-                    bends = np.abs(slopes[k] - slopes[last]) > 1e-6 * (1 + np.abs(slopes[k]))
-                    turns = ways[last, 0] * ways[k, 1] < 0
-                    begins[k] = bends.any() or turns.any()
-                    if self.patterns and self.patterns[k] != self.patterns[last]:
-                        begins[k] = True
-                last = k
+        phase = np.repeat(np.arange(len(self.sequence)), self.arcs)
+        for last, k in pairwise(np.flatnonzero(long)):
+            if phase[last] == phase[k]:
+                bends = np.abs(slopes[k] - slopes[last]) > 1e-6 * (1 + np.abs(slopes[k]))
+                turns = ways[last, 0] * ways[k, 1] < 0
+                other = self.patterns and self.patterns[k] != self.patterns[last]
+                begins[k] |= bends.any() or turns.any() or bool(other)
         return begins
 
     def with_patterns(self, patterns: tuple[Pattern | None, ...]) -> GaitProgram:
