@@ -473,3 +473,17 @@ def test_a_further_mass_at_each_end_takes_load_of_the_accordion():
     assert alone is not None
     assert relieved is not None
     assert relieved.cost < 0.7 * alone.cost
+
+
+@pytest.mark.parametrize("share", [0.9, 0.97, 0.99])
+def test_an_order_of_many_phases_is_not_refused_a_speed_that_it_reaches(share: float):
+    """Two arcs in each of ten phases do not reach it, and the first step of a climb is short."""
+    order: Any = (4,), (3, 4), (3,), (2, 3), (2,), (1, 2), (1,), (0, 1), (0,), (0, 4)
+    worm = Worm(4, load=5.0)
+    fastest = trial.Trier(GaitProblem(worm, G1_LIMITS)).free(order)
+    assert fastest is not None
+    wanted = share * fastest.value
+    task = GaitProblem(worm, G1_LIMITS, Objective("peak_spike_load", wanted))
+    found = trial.Trier(task).free(order)
+    assert found is not None
+    assert crawl(found.gait, worm.masses, 0.0, worm.load).speed >= wanted * (1 - 1e-9)
