@@ -210,6 +210,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
             assert found.bounded is not None
             return found.bounded, 0.0
         known = found.survey.bounded
+        clock -= known.history[-1][0] if known else 0.0  # spent in the search
         proven = bounded(found.task, found.value, self.search.certify, self.report, known)
         return proven, perf_counter() - clock
 
