@@ -329,9 +329,6 @@ def _dop853(rhs: ca.Function, n_x: int) -> tuple[ca.Function, ca.Function]:
 _LEAST_RELATIVE = 100 * float(np.finfo(float).eps)
 # Distance, in nominal sizes, that is negligible.
 _NEARBY = 1e-10
-# The dense output of Radau IIA is a cubic: these points determine its first four rows.
-_POINTS = np.array([0.0, 1 / 3, 2 / 3, 1.0])
-_ROWS = np.linalg.inv(powers(_POINTS)[:, :4])
 
 
 class Stiff:
@@ -381,11 +378,12 @@ class Stiff:
         if solver.step():
             raise GivenUp("step_too_small" if self._finite else "not_finite")
         x_new, h = solver.y.copy(), solver.t - t
-        output = solver.dense_output()
+        output: Any = solver.dense_output()
 
         def fit() -> np.ndarray:
-            points = np.column_stack([x, *(output(t + c * h) for c in _POINTS[1:-1]), x_new])
-            return np.vstack([_ROWS @ points.T, np.zeros((4, len(x)))])
+            # a cubic, by powers of the fraction
+            _, square, cube = output.Q.T
+            return np.vstack([x, x_new - x, -square - cube, -cube, np.zeros((4, len(x)))])
 
         dx_new = self._derivative(solver.t, x_new)
         return Step(t, h, min(solver.t, stop), x, x_new, dx, dx_new, fit)
