@@ -205,7 +205,7 @@ class Coil:
         for part in (far[start : start + size] for start in range(0, len(far), size)):
             found.reshape(2, -1)[:, part] = self._loops(q.flat[part], s.flat[part])
         # Close points need many nodes; far points use fewer.
-        needed = self._nodes(clearance)
+        needed = np.array(self._nodes(clearance))
         needed.flat[far] = 0
         for low, high in ((0, 6), (6, 12), (12, 30), (30, 80), (80, _MOST)):
             where = np.flatnonzero((needed > low) & (needed <= high))
