@@ -466,7 +466,7 @@ def test_implicit_steps_are_repeated_where_they_are_too_rough(
     monkeypatch.setattr(proof, "simulate", observed)
     monkeypatch.setattr(proof, "_STIFF", 10)
     monkeypatch.setattr(proof, "_ROUGH", rough)
-    result = wo.run(load_scene("stiction", ["time.end=1"]))
+    result = wo.run(load_scene("keep_spikes", ["time.end=0.4"]))
     second = result.trust["recheck"]
     assert (result.status, second["route"], "until" in second) == ("ok", "radau", False)
     assert second["error"] < 1e-7
