@@ -134,7 +134,15 @@ class Schedule:
         return self.end(begin, piece)
 
     def end(self, begin: float, piece: int) -> float:
-        """End of a piece as `locate` gives it; infinity for the last one without an end."""
+        """End of a piece; infinity for the last one without an end.
+
+        Parameters
+        ----------
+        begin : float
+            When it began, as `locate` gives it.
+        piece : int
+            Its number.
+        """
         if not self.periodic and piece + 1 == self.pieces:
             return math.inf
         return float(begin - self.breaks[piece] + self.breaks[piece + 1])
