@@ -32,11 +32,20 @@ def fingerprint(source: str) -> str:
 
 
 def _text_of(tree: ast.Module) -> str:
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            node.body = [part for part in body if not _is_text(part)]  # pyright: ignore
+    for node in _statements(tree):
+        if hasattr(node, "body"):
+            node.body = [part for part in node.body if not _is_text(part)]  # pyright: ignore
     return ast.dump(tree)
+
+
+def _statements(tree: ast.Module) -> Iterator[ast.AST]:
+    """The module, its statements and theirs; unlike `ast.walk` not their expressions."""
+    todo: list[ast.AST] = [tree]
+    while todo:
+        node = todo.pop()
+        yield node
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            todo += getattr(node, part, ())
 
 
 def _is_text(node: ast.AST) -> bool:
@@ -60,7 +69,7 @@ def _imported(start: str, files: dict[str, Path]) -> dict[str, ast.Module]:
 
 def _imports(tree: ast.Module) -> Iterator[str]:
     """Names of possible modules, wherever they are imported."""
-    for node in ast.walk(tree):
+    for node in _statements(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:

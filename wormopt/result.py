@@ -11,12 +11,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
+from struct import pack
 from typing import TYPE_CHECKING, Any, Literal
 
 from wormopt.errors import UnknownNameError
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, write_summary
 from wormopt.kinds import kind_of
 from wormopt.lazy import above
+from wormopt.netcdf import DOUBLE, INT, Stored, netcdf
 from wormopt.quantities import NAME, Scalar, Variable, plain
 from wormopt.shown import Part, brief, html, lines
 from wormopt.version import VERSION
@@ -76,22 +78,26 @@ def _exports(result: Any) -> dict[str, str]:
 
 def write_netcdf(result: Any, path: Path) -> None:
     """Write all of a Result into one file, see `Result.load`."""
-    from scipy.io import netcdf_file
+    lengths = {
+        dim: length
+        for variable in result.variables
+        for dim, length in zip(variable.dims, variable.values.shape, strict=True)
+    }
+    stored = [_stored(variable) for variable in result.variables]
+    # single numbers are variables too, for readers without JSON attributes
+    stored += [
+        Stored(name, (), DOUBLE, pack(">d", scalar.value), {"units": scalar.unit})
+        for name, scalar in result.scalars.items()
+        if isinstance(scalar.value, int | float) and NAME.fullmatch(name)
+    ]
+    path.write_bytes(netcdf(_texts(result), lengths, stored))
 
-    with netcdf_file(path, "w", version=2) as file:
-        for name, text in _texts(result).items():
-            setattr(file, name, text.encode())
-        lengths = {
-            dim: length
-            for variable in result.variables
-            for dim, length in zip(variable.dims, variable.values.shape, strict=True)
-        }
-        for dim, length in lengths.items():
-            file.createDimension(dim, length)
-        for variable in result.variables:
-            _write_variable(file, variable)
-        for name, scalar in result.scalars.items():
-            _write_number(file, name, scalar)
+
+def _stored(variable: Variable) -> Stored:
+    kind, form = (DOUBLE, ">f8") if variable.values.dtype.kind == "f" else (INT, ">i4")
+    data = variable.values.astype(form).tobytes()
+    texts = {"units": variable.unit, "long_name": variable.long_name}
+    return Stored(variable.name, variable.dims, kind, data, texts)
 
 
 def _texts(result: Any) -> dict[str, str]:
@@ -104,22 +110,6 @@ def _texts(result: Any) -> dict[str, str]:
         **{name: getattr(result, name) for name in own},
         **{part: json.dumps(value, ensure_ascii=False) for part, value in parts.items()},
     }
-
-
-def _write_variable(file: Any, variable: Variable) -> None:
-    kind = "d" if variable.values.dtype.kind == "f" else "i"
-    stored = file.createVariable(variable.name, kind, variable.dims)
-    stored[:] = variable.values
-    stored.units = variable.unit.encode()
-    stored.long_name = variable.long_name.encode()
-
-
-def _write_number(file: Any, name: str, scalar: Scalar) -> None:
-    """Write a single number as a variable too, for readers without JSON attributes."""
-    if isinstance(scalar.value, int | float) and NAME.fullmatch(name):
-        stored = file.createVariable(name, "d", ())
-        stored.data[...] = scalar.value
-        stored.units = scalar.unit.encode()
 
 
 def _read_netcdf(path: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ PACKAGE = Path(wormopt.__file__).parent
 # Groups of rooms, and the groups each may import from. Rooms of one group may import each other
 # as long as no circle arises.
 GROUPS = {
-    "ground": "version errors files fingerprint kinds lazy progress shown",
+    "ground": "version errors files fingerprint kinds lazy netcdf progress shown",
     "base": "model numerics quantities tables labelled digest result",
     "engine": "simulation control ocp analysis magnetics fitting",
     "study": "study",

@@ -16,6 +16,7 @@ from wormopt.model.model import Contact, Model, Signal
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.simulation.steps import DOP853 as OURS
 from wormopt.simulation.steps import EMBEDDED
 
 # -- orders ----------------------------------------------------------------------------------
@@ -49,6 +50,18 @@ def weights(tree: Tree) -> np.ndarray:
     for branch in tree:
         product *= DOP853.A @ weights(branch)
     return product
+
+
+def test_coefficients_are_those_of_scipy():
+    a = np.array([row + [0.0] * (16 - len(row)) for row in OURS["A"]])
+    whole = np.zeros((16, 16))
+    whole[:12, :12], whole[12, :12], whole[13:] = DOP853.A, DOP853.B, DOP853.A_EXTRA
+    assert np.array_equal(a, whole)
+    assert np.array_equal(OURS["C"], [*DOP853.C, 1.0, *DOP853.C_EXTRA])
+    for name, scipys in {"B": DOP853.B, "D": DOP853.D}.items():
+        assert np.array_equal(OURS[name], scipys)
+    assert np.array_equal(OURS["E5"], DOP853.E5[:-1])
+    assert np.array_equal(OURS["E3"], DOP853.E3[:-1])
 
 
 def test_there_are_as_many_trees_as_cayley_counted():

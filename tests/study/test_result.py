@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 import xarray
 from hypothesis import given
+from scipy.io import netcdf_file
 
+from wormopt.netcdf import DOUBLE, INT, Stored, netcdf
 from wormopt.quantities import UNITS, Scalar, Variable, unit_of
 from wormopt.result import Result
 
@@ -56,6 +58,34 @@ def contents(result: Result) -> dict[str, Any]:
 def test_a_result_loads_as_it_was_saved(tmp_path: Path, name: str):
     example().save(tmp_path)
     assert contents(Result.load(tmp_path / name)) == contents(example())
+
+
+def test_files_are_those_that_scipy_writes(tmp_path: Path):
+    lengths, lines = {"time": 3, "link": 2}, {"title": TITLE, "reason": ""}
+    values = {  # SciPy writes those with more rows first
+        "length": (("time", "link"), np.linspace(0, 1, 6).reshape(3, 2)),
+        "count": (("link",), np.array([-1, 2**31 - 1], np.int32)),
+        "gap": ((), np.array(np.nan)),
+    }
+    with netcdf_file(tmp_path / "scipy.nc", "w", version=2) as file:
+        for name, text in lines.items():
+            setattr(file, name, text.encode())
+        for name, length in lengths.items():
+            file.createDimension(name, length)
+        for name, (dims, array) in values.items():
+            stored = file.createVariable(name, array.dtype.char, dims)
+            stored.data[...], stored.units = array, b"m"
+    ours = [
+        Stored(
+            name,
+            dims,
+            DOUBLE if array.dtype == float else INT,
+            array.astype(array.dtype.newbyteorder(">")).tobytes(),
+            {"units": "m"},
+        )
+        for name, (dims, array) in values.items()
+    ]
+    assert netcdf(lines, lengths, ours) == (tmp_path / "scipy.nc").read_bytes()
 
 
 @given(

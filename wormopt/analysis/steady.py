@@ -16,15 +16,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import eig
 
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.lazy import on_use
 from wormopt.model.model import Model, pack
 from wormopt.model.values import by_name, check_names, nominal_of, signal_values
 from wormopt.numerics.newton import newton
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact
 from wormopt.simulation.variation import Sensitivities, directions
+
+with on_use():  # slow to import, and most states need no derivatives of eigenvalues
+    from scipy.linalg import eig
 
 Values = Mapping[str, ArrayLike]
 

@@ -7,12 +7,16 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtr, chdtrc, ndtr
 
 from wormopt.fitting.estimate import Fit, check_fit, check_level
 from wormopt.fitting.information import leverages
 from wormopt.fitting.task import Block, FitTask, robust
+from wormopt.lazy import on_use
 from wormopt.shown import lines
+
+with on_use():  # slow to import, and many fits test no residuals
+    from scipy.stats import jarque_bera, shapiro
 
 # Most lags tested, at most a fifth of the readings (R. Hyndman, 2014), and fewest readings.
 _LAGS, _SHARE = 10, 5
@@ -100,8 +104,6 @@ def _chances(block: Block, left: np.ndarray) -> Iterator[float]:
 
 def ljung_box(row: np.ndarray, lags: int | None = None) -> tuple[float, float]:
     """Statistic of correlations up to some lag, and p; NaN in `row` (m,) are gaps."""
-    from scipy.special import chdtrc
-
     there = np.isfinite(row)
     n = int(there.sum())
     r = np.where(there, row - row[there].mean(), 0.0)
@@ -248,11 +250,11 @@ def runs_test(r: np.ndarray) -> tuple[float, float]:
     mean = 1 + 2 * high * low / n
     variance = (mean - 1) * (mean - 2) / (n - 1)
     statistic = (runs - mean) / np.sqrt(variance)
-    return float(statistic), float(2 * stats.norm.sf(abs(statistic)))
+    return float(statistic), float(2 * ndtr(-abs(statistic)))
 
 
 def _normal(r: np.ndarray) -> tuple[float, float]:
-    found: Any = stats.shapiro(r) if len(r) <= _SHAPIRO else stats.jarque_bera(r)
+    found: Any = shapiro(r) if len(r) <= _SHAPIRO else jarque_bera(r)
     return float(found.statistic), float(found.pvalue)
 
 
@@ -260,5 +262,5 @@ def _size(r: np.ndarray, freedom: float) -> tuple[float, float]:
     squares = float(r @ r)
     if freedom <= 0:
         return 1.0, 1.0
-    least = min(stats.chi2.cdf(squares, freedom), stats.chi2.sf(squares, freedom))
+    least = min(chdtr(freedom, squares), chdtrc(freedom, squares))
     return squares / freedom, float(min(1.0, 2 * least))

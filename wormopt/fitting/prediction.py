@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, fdtrc, ndtri
 
 from wormopt.errors import ArgumentError
 from wormopt.fitting.estimate import Fit, check_fit, check_level
@@ -59,7 +59,7 @@ class Prediction:
         -------
         lower, upper : ndarray, shape (size, m)
         """
-        half = stats.norm.ppf(0.5 + self.level / 2) * self.error[signal]
+        half = ndtri(0.5 + self.level / 2) * self.error[signal]
         return self.values[signal] - half, self.values[signal] + half
 
     @property
@@ -132,7 +132,7 @@ def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Predict
     freedom = len(r) - taken.shape[1]
     if freedom < 1:
         raise ArgumentError(f"{recording.name}: too few readings for its own unknowns")
-    within = np.abs(r) <= stats.norm.ppf(0.5 + level / 2) * sd
+    within = np.abs(r) <= ndtri(0.5 + level / 2) * sd
     values, model = _bands(task, theta, spread, open_[:, moves])
     return Prediction(
         recording,
@@ -225,7 +225,7 @@ def _bands(
 def _p(found: Fit, chi2: float, freedom: int) -> float:
     """P-value for a true model; the noise is as uncertain as its estimate."""
     if not found.estimated:
-        return float(stats.chi2.sf(chi2, freedom))
+        return float(chdtrc(freedom, chi2))
     readings = sum(len(rows_estimated(found.task, signal)) for signal in found.estimated)
     left = max(readings - len(found.theta), 1)
-    return float(stats.f.sf(chi2 / freedom, freedom, left))
+    return float(fdtrc(freedom, left, chi2 / freedom))

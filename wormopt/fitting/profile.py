@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import optimize, stats
+from scipy.optimize import least_squares
+from scipy.special import chdtri, fdtri
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit, check_fit, check_level
@@ -117,7 +118,7 @@ def _searched(task: FitTask, start: Point, free: np.ndarray, settled: float) -> 
         "gtol": None,
         "max_nfev": _TRIALS,
     }
-    least = optimize.least_squares(lambda x: at(x).residuals, start.theta[free], **how)
+    least = least_squares(lambda x: at(x).residuals, start.theta[free], **how)
     found = at(least.x)
     return found if found.squares <= start.squares else start
 
@@ -242,9 +243,9 @@ def profile(
 def _threshold(found: Fit, level: float) -> float:
     """Quantile of the increase of squares; estimated noise is as uncertain as its readings."""
     if not found.estimated:
-        return float(stats.chi2.ppf(level, 1))
+        return float(chdtri(1, 1 - level))
     readings = sum(len(rows_estimated(found.task, signal)) for signal in found.estimated)
-    return float(stats.f.ppf(level, 1, max(readings - len(found.theta), 1)))
+    return float(fdtri(1, max(readings - len(found.theta), 1), level))
 
 
 def _profile(line: _Line, start: Point, level: float) -> Profile:

@@ -120,9 +120,14 @@ class Coil:
         int
             From 4 to 150.
         """
+        return int(self._nodes(np.array(clearance, dtype=float), digits))
+
+    def _nodes(self, clearance: np.ndarray, digits: float = 14.0) -> np.ndarray:
         # the integrand is analytic in an ellipse about the radii that extends to the nearest point
-        reach = math.asinh(2 * clearance / (self.outer - self.inner))
-        return min(_MOST, 2 + math.ceil(max(digits / reach, 2.0))) if reach else _MOST
+        reach = np.arcsinh(2 * clearance / (self.outer - self.inner))
+        with np.errstate(divide="ignore"):
+            needed = 2 + np.ceil(np.maximum(digits / reach, 2.0))
+        return np.minimum(needed, _MOST).astype(int)
 
     def expression(self, q: Any, s: Any, nodes: int) -> tuple[Any, Any]:
         """Field per ampere-turn at points outside the winding, for numbers, arrays and expressions.
@@ -200,7 +205,7 @@ class Coil:
         for part in (far[start : start + size] for start in range(0, len(far), size)):
             found.reshape(2, -1)[:, part] = self._loops(q.flat[part], s.flat[part])
         # Close points need many nodes; far points use fewer.
-        needed = np.array([self.nodes(float(d)) for d in clearance.flat]).reshape(q.shape)
+        needed = np.array(self._nodes(clearance))
         needed.flat[far] = 0
         for low, high in ((0, 6), (6, 12), (12, 30), (30, 80), (80, _MOST)):
             where = np.flatnonzero((needed > low) & (needed <= high))

@@ -20,6 +20,9 @@ from wormopt.errors import ArgumentError
 from wormopt.model.given import check_flag, check_kind, check_name, check_number, make_plain
 from wormopt.model.values import numbers
 
+# A break this near, as a share of the times, counts as passed.
+_ROUNDING = 4 * float(np.finfo(float).eps)
+
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
@@ -113,10 +116,10 @@ class Schedule:
         """
         t = np.asarray(t, dtype=float)
         size = np.maximum(np.abs(t), max(abs(self.start), self.breaks[-1]))
-        since = t - self.start + 4 * np.finfo(float).eps * size
+        since = t - self.start + _ROUNDING * size
         turn = np.floor(since / self.breaks[-1]) * self.breaks[-1] if self.periodic else 0.0
-        piece = np.searchsorted(self.breaks, since - turn, side="right") - 1
-        piece = np.clip(piece, 0, self.pieces - 1)
+        piece = self.breaks.searchsorted(since - turn, side="right") - 1
+        piece = np.minimum(np.maximum(piece, 0), self.pieces - 1)
         return self.start + turn + self.breaks[piece], piece
 
     def next_break(self, t: float) -> float:
@@ -127,10 +130,22 @@ class Schedule:
         t : float
             Time.
         """
-        begin, piece = self.locate(np.array([t]))
-        if not self.periodic and piece[0] + 1 == self.pieces:
+        (begin,), (piece,) = self.locate(np.array([t]))
+        return self.end(begin, piece)
+
+    def end(self, begin: float, piece: int) -> float:
+        """End of a piece; infinity for the last one without an end.
+
+        Parameters
+        ----------
+        begin : float
+            When it began, as `locate` gives it.
+        piece : int
+            Its number.
+        """
+        if not self.periodic and piece + 1 == self.pieces:
             return math.inf
-        return float(begin[0] - self.breaks[piece[0]] + self.breaks[piece[0] + 1])
+        return float(begin - self.breaks[piece] + self.breaks[piece + 1])
 
     def breaks_between(self, begin: float, end: float) -> np.ndarray:
         """Ends of pieces after one time and before another, as `next_break` gives them.

@@ -13,12 +13,15 @@ from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
-from scipy import sparse
-from scipy.optimize import linprog
-from scipy.sparse.linalg import splu
 
 from wormopt.errors import ArgumentError
+from wormopt.lazy import on_use
 from wormopt.model.given import check_flag, check_number, make_plain, whole
+
+with on_use():  # slow to import, and some programs take no linear steps
+    from scipy import sparse
+    from scipy.optimize import linprog
+    from scipy.sparse.linalg import splu
 
 # CasADi reports an interrupt as a failed solve with one of these statuses.
 _STOPPED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")

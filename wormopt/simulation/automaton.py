@@ -141,12 +141,14 @@ class _Clock:
     def follow(self, t: float) -> float:
         """Set all values to those at time t, and the next break."""
         # A break within round-off of t counts as passed.
+        end = np.inf
         for i, (schedule, place) in enumerate(zip(self._schedules, self._places, strict=True)):
             (begin,), (piece,) = schedule.locate(np.array([t]))
             self._p[place] = np.append(begin, schedule.values[piece])
             if self._along:
                 self._directions[place][1:] = self._along[i][piece]
-        return min((schedule.next_break(t) for schedule in self._schedules), default=np.inf)
+            end = min(end, schedule.end(begin, piece))
+        return end
 
 
 @dataclass

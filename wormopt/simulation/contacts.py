@@ -6,14 +6,18 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import root, root_scalar
 
+from wormopt.lazy import on_use
 from wormopt.numerics.expressions import Call
+from wormopt.numerics.roots import root
 from wormopt.simulation.grip import ENTRIES
 from wormopt.simulation.initial_value import F_REST, KINDS, InitialValueProblem
 from wormopt.simulation.saltation import Columns
 from wormopt.simulation.sharing import SHARE_REST, Sharing, Split
 from wormopt.simulation.steps import GivenUp
+
+with on_use():  # slow to import, and hardly ever needed
+    from scipy.optimize import root as zero
 
 # Share of the force too small to turn a direction.
 _SMALL = 1e-13
@@ -103,7 +107,7 @@ class Aim:
             return lacking
 
         first = np.arctan2(before[:, 1], before[:, 0])
-        fit = bool(np.abs(off(root(off, first, tol=_SMALL).x)).max() <= _FIT)
+        fit = bool(np.abs(off(zero(off, first, tol=_SMALL).x)).max() <= _FIT)
         if not fit:
             self._directions[places] = before
         return fit
@@ -144,8 +148,7 @@ class Aim:
         if not end * begin <= 0:  # other laws than that of largest dissipation may have none
             off(0.0)
             return
-        found = root_scalar(off, bracket=(near, turn), method="brentq", xtol=1e-15)
-        off(float(found.root))
+        off(root(off, near, turn))
 
 
 _REVERSAL, _STICK, _RELEASE, _IMPACT = (

@@ -18,14 +18,18 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import minimize_scalar, root_scalar
 
+from wormopt.lazy import on_use
 from wormopt.numerics.expressions import Call
+from wormopt.numerics.roots import root
 from wormopt.simulation.functions import System
 from wormopt.simulation.grip import ENTRIES
 from wormopt.simulation.initial_value import F_REST, InitialValueProblem
 from wormopt.simulation.sharing import SHARE_REST, Sharing
 from wormopt.simulation.steps import GivenUp, Step, Stepper, floor_of_step
+
+with on_use():  # slow to import, and few motions touch
+    from scipy.optimize import minimize_scalar
 
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
 
@@ -369,7 +373,7 @@ def _root(function: Callable[[float], float], a: float, b: float) -> float:
         return float(a)
     if function(b) >= 0:
         return float(b)
-    return float(root_scalar(function, bracket=(a, b), method="brentq", xtol=1e-15).root)
+    return root(function, a, b)
 
 
 @lru_cache(maxsize=64)

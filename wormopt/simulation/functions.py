@@ -576,6 +576,16 @@ class System:
         symbols = [t, pack(self.model.x), p, s]
         return self._closed("observed", symbols, ["t", "x", "p", "s"], self._put(expression))
 
+    def named(self, name: str) -> ca.Function:
+        """`observe` of what the model knows by this name, made once."""
+        if name not in self._named:
+            self._named[name] = self.observe(self.model[name])
+        return self._named[name]
+
+    @cached_property
+    def _named(self) -> dict[str, ca.Function]:
+        return {}
+
     @cached_property
     def dae(self) -> dict[str, ca.SX]:
         """Expressions of the smooth treatment by CasADi's names: t, x, z, p, ode, alg."""

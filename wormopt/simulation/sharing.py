@@ -19,14 +19,17 @@ from operator import itemgetter
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import minimize, nnls
 
+from wormopt.lazy import on_use
 from wormopt.model.model import Contact
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
 from wormopt.numerics.expressions import Call
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import GivenUp
+
+with on_use():  # slow to import, and few worms share loads
+    from scipy.optimize import minimize, nnls
 
 SHARE_REST = 1e-11
 """Excess of a share that is rounding of its split."""

@@ -11,17 +11,23 @@ smooth motion the latter is smaller.
 
 from __future__ import annotations
 
+import re
+from ast import literal_eval
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from importlib.resources import files
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.integrate import DOP853, Radau
 
+from wormopt.lazy import on_use
 from wormopt.numerics.expressions import Call
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem
+
+with on_use():  # slow to import, and few motions are stiff
+    from scipy.integrate import Radau
 
 
 class GivenUp(Exception):
@@ -97,15 +103,25 @@ _TINY = float(np.finfo(float).tiny)
 _NODES, _SHARE = [0, 5, 6, 7, 8, 9, 10], 1e-4
 
 
+def _tableau() -> dict[str, Any]:
+    """Coefficients of DOP853 as the compiled driver has them; tests compare them with SciPy's."""
+    text = (files("wormopt.simulation.native") / "tableau.h").read_text("utf-8")
+    tables = re.findall(r"double (\w+)\[.*? = ({.*?});", text, re.DOTALL)
+    return {name: literal_eval(rows.translate({123: "[", 125: "]"})) for name, rows in tables}
+
+
+DOP853 = _tableau()
+
+
 def _six() -> np.ndarray:
     """Difference (12,) of a step to its embedded formula of order 6."""
-    nodes, difference = DOP853.C[_NODES], np.zeros(DOP853.n_stages)
+    nodes, difference = np.array(DOP853["C"])[_NODES], np.zeros(len(DOP853["B"]))
     apart = nodes[:, None] - nodes + np.eye(len(nodes))
     difference[_NODES] = _SHARE / np.prod(apart, axis=1)
     return difference
 
 
-EMBEDDED = _six(), DOP853.E5[:-1], DOP853.E3[:-1]
+EMBEDDED = _six(), np.array(DOP853["E5"]), np.array(DOP853["E3"])
 
 
 class Explicit:
@@ -279,11 +295,11 @@ def _dop853(rhs: ca.Function, n_x: int) -> tuple[ca.Function, ca.Function]:
     n, h, dx = x.numel(), ca.MX.sym("h"), ca.MX.sym("dx", x.numel())
     absolute, relative = ca.MX.sym("absolute", n_x), ca.MX.sym("relative")
     slopes, stage = [dx], x
-    for row, node in zip(DOP853.A[1:], DOP853.C[1:], strict=True):
-        stage = x + h * (ca.horzcat(*slopes) @ ca.DM(row[: len(slopes)]))
+    for row, node in zip(DOP853["A"][1:12], DOP853["C"][1:12], strict=True):
+        stage = x + h * (ca.horzcat(*slopes) @ ca.DM(row))
         slopes.append(rhs(t + node * h, stage, p, s))
     stages = ca.horzcat(*slopes)
-    x_new = x + h * (stages @ ca.DM(DOP853.B))
+    x_new = x + h * (stages @ ca.DM(DOP853["B"]))
     scale = absolute + relative * ca.fmax(ca.fabs(x), ca.fabs(x_new))[:n_x]
     sums = [ca.sumsqr((stages[:n_x, :] @ ca.DM(E)) / scale) for E in EMBEDDED]
     take = ca.Function(
@@ -296,12 +312,12 @@ def _dop853(rhs: ca.Function, n_x: int) -> tuple[ca.Function, ca.Function]:
 
     end, dx_new, known = ca.MX.sym("end", n), ca.MX.sym("dx_new", n), ca.MX.sym("stages", n, 12)
     slopes = [*ca.horzsplit(known), dx_new]
-    for row, node in zip(DOP853.A_EXTRA, DOP853.C_EXTRA, strict=True):
-        stage = x + h * (ca.horzcat(*slopes) @ ca.DM(row[: len(slopes)]))
+    for row, node in zip(DOP853["A"][13:], DOP853["C"][13:], strict=True):
+        stage = x + h * (ca.horzcat(*slopes) @ ca.DM(row))
         slopes.append(rhs(t + node * h, stage, p, s))
     way, first = end - x, slopes[0]
     low = [x, way, h * first - way, 2 * way - h * (dx_new + first)]
-    rows = ca.horzcat(*low, h * (ca.horzcat(*slopes) @ ca.DM(DOP853.D).T))
+    rows = ca.horzcat(*low, h * (ca.horzcat(*slopes) @ ca.DM(DOP853["D"]).T))
     names = ["t", "x", "h", "end", "stages", "dx_new", "p", "s"]
     polynomial = ca.Function(
         "polynomial", [t, x, h, end, known, dx_new, p, s], [rows], names, ["rows"]
@@ -313,9 +329,6 @@ def _dop853(rhs: ca.Function, n_x: int) -> tuple[ca.Function, ca.Function]:
 _LEAST_RELATIVE = 100 * float(np.finfo(float).eps)
 # Distance, in nominal sizes, that is negligible.
 _NEARBY = 1e-10
-# The dense output of Radau IIA is a cubic: these points determine its first four rows.
-_POINTS = np.array([0.0, 1 / 3, 2 / 3, 1.0])
-_ROWS = np.linalg.inv(powers(_POINTS)[:, :4])
 
 
 class Stiff:
@@ -365,11 +378,12 @@ class Stiff:
         if solver.step():
             raise GivenUp("step_too_small" if self._finite else "not_finite")
         x_new, h = solver.y.copy(), solver.t - t
-        output = solver.dense_output()
+        output: Any = solver.dense_output()
 
         def fit() -> np.ndarray:
-            points = np.column_stack([x, *(output(t + c * h) for c in _POINTS[1:-1]), x_new])
-            return np.vstack([_ROWS @ points.T, np.zeros((4, len(x)))])
+            # a cubic, by powers of the fraction
+            _, square, cube = output.Q.T
+            return np.vstack([x, x_new - x, -square - cube, -cube, np.zeros((4, len(x)))])
 
         dx_new = self._derivative(solver.t, x_new)
         return Step(t, h, min(solver.t, stop), x, x_new, dx, dx_new, fit)

@@ -225,7 +225,7 @@ class Trajectory(SampledMotion):
         """
         if name in self._rows:
             return self.states[self._rows[name]]
-        return self.observe(self.system.model[name])
+        return self.values(self.system.named(name))
 
     @property
     def directions(self) -> tuple[str, ...]:

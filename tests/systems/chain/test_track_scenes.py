@@ -22,6 +22,7 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.study import load_scene
 from wormopt.systems.chain import measured, track
 from wormopt.systems.chain.loops import draw_links
+from wormopt.systems.shared import proof
 from wormopt.systems.spiked.construct import fast_gait
 
 # -- the chapter's benchmark ---------------------------------------------------------------------
@@ -447,3 +448,26 @@ def test_members_that_are_given_up_make_the_result_fail(tmp_path: Path):
     told = r"none of the first 3 members was completed \(too_many_steps\)"
     with pytest.raises(SolveError, match=told):
         wo.run(load_scene(write(tmp_path, TRACK), change))
+
+
+# -- the second route ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rough", "tolerances"), [(1e-2, [1e-9]), (1e4, [1e-3, 1e-11])])
+def test_implicit_steps_are_repeated_where_they_are_too_rough(
+    monkeypatch: pytest.MonkeyPatch, rough: float, tolerances: list[float]
+):
+    taken = []
+
+    def observed(*args: Any, **how: Any) -> Trajectory:
+        taken.append(how["tolerance"].relative)
+        return simulate(*args, **how)
+
+    monkeypatch.setattr(proof, "simulate", observed)
+    monkeypatch.setattr(proof, "_STIFF", 10)
+    monkeypatch.setattr(proof, "_ROUGH", rough)
+    result = wo.run(load_scene("keep_spikes", ["time.end=0.4"]))
+    second = result.trust["recheck"]
+    assert (result.status, second["route"], "until" in second) == ("ok", "radau", False)
+    assert second["error"] < 1e-7
+    assert taken == pytest.approx(tolerances)

@@ -8,11 +8,11 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline
 
 from wormopt.control.loop import Reference, TrackingError, input_of, with_reference
 from wormopt.control.lqr import lqr
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.lazy import on_use
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, pack
 from wormopt.model.schedule import Schedule
@@ -34,6 +34,9 @@ from wormopt.systems.chain.tables import (
     Relaxation,
     Tube,
 )
+
+with on_use():  # slow to import, and only crawls need it
+    from scipy.interpolate import CubicHermiteSpline
 
 # Default weight of the error in the LQR that starts the solves, in usual sizes.
 _STIFF = 1e3

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any
 
 import casadi as ca
@@ -316,9 +317,14 @@ def distances(one: Curve, other: Curve) -> tuple[float, float]:
 
     breaks = sorted({*one.breaks, *other.breaks})
     pieces: list[Series] = [resolve(squares, a, b) for a, b in pairwise(breaks)]
-    largest = max(float(series.extremes()[1][0]) for series in pieces)
+    largest = 0.0
+    above = [float(np.abs(series.coefficients).sum()) for series in pieces]  # |T_k| <= 1
+    for bound, series in sorted(zip(above, pieces, strict=True), key=itemgetter(0), reverse=True):
+        if bound <= largest:
+            break
+        largest = max(largest, float(series.extremes()[1][0]))
     mean = sum(float(series.integral()[0]) for series in pieces)
-    return float(np.sqrt(max(largest, 0.0))), float(np.sqrt(max(mean, 0.0)))
+    return float(np.sqrt(largest)), float(np.sqrt(max(mean, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from wormopt.study import on_use, signal
 
 with on_use():
     import numpy as np
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
     from wormopt.fitting.estimate import Fit
     from wormopt.fitting.noise import excess
@@ -52,7 +52,7 @@ class Found:
     ) -> Found:
         """Make estimates and intervals from coordinates and their covariance (n, n)."""
         spread = np.sqrt(np.diag(covariance))
-        reach = float(norm.ppf((1 + level) / 2)) * spread
+        reach = float(ndtri((1 + level) / 2)) * spread
         ends = [coordinates.values(theta + side * reach) for side in (-1, 1)]
         with np.errstate(all="ignore"):
             correlation = covariance / np.outer(spread, spread)

@@ -31,6 +31,8 @@ Spell = tuple[float, float, tuple[int, ...]]
 _TIE = 1e-9
 _SAMPLES = 129  # per smooth interval; extrema between samples are found from a parabola
 _MOST_PERIODS = 50
+# Points at which an extreme is sought, and again between the neighbours of the best: 1 / 16 each.
+_POINTS, _ZOOMS = 33, 7
 _QUADRATURE = 1e-14  # relative to the integral of the largest value
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
@@ -206,23 +208,18 @@ def _integral(rows: Vectorised, ends: tuple[float, float], scale: np.ndarray) ->
 
 def _extremes(function: Vectorised, ends: tuple[float, float], flat: float) -> list[float]:
     """Smallest and largest value on an interval; variation below `flat` is ignored."""
-    s = np.linspace(*ends, 33)
-    values = function(s)
+    first = np.linspace(*ends, _POINTS)
+    values = function(first)
     found = []
     for sign in (1.0, -1.0):
-        at = int(np.argmin(sign * values))
-        best = float(values[at])
-        if np.ptp(values) > flat:  # the extreme may be between an end and its neighbour
-            from scipy.optimize import fminbound
-
-            lowest = fminbound(
-                lambda t, sign=sign: sign * function(np.array([t]))[0],
-                s[max(at - 1, 0)],
-                s[min(at + 1, len(s) - 1)],
-                xtol=1e-9 * (ends[1] - ends[0]),
-            )
-            best = sign * min(sign * float(function(np.array([lowest]))[0]), sign * best)
-        found.append(best)
+        s, near = first, sign * values
+        best = float(near.min())
+        for _ in range(_ZOOMS if np.ptp(values) > flat else 0):
+            at = int(np.argmin(near))  # the extreme may be between an end and its neighbour
+            s = np.linspace(s[max(at - 1, 0)], s[min(at + 1, _POINTS - 1)], _POINTS)
+            near = sign * function(s)
+            best = min(best, float(near.min()))
+        found.append(sign * best)
     return found
 
 

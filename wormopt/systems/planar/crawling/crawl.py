@@ -10,10 +10,10 @@ from itertools import islice, pairwise, takewhile
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from wormopt.errors import ArgumentError
 from wormopt.model.planar_friction import PlanarLaw
+from wormopt.numerics.roots import root
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 from wormopt.systems.planar.poses import Travel, gauss_nodes, to_series, travel_along
 from wormopt.systems.planar.shape import Shape, Stroke
@@ -88,7 +88,7 @@ class Course:
 
     def _turn(self, start: float, end: float, ahead: np.ndarray) -> float:
         """Return the phase at which the rates no longer go `ahead`, as they do at the start."""
-        return brentq(lambda t: float(self.stroke.at([t])[1][0] @ ahead), start, end, xtol=1e-15)
+        return root(lambda t: float(self.stroke.at([t])[1][0] @ ahead), start, end)
 
     def sample(self, tau: np.ndarray, near: Sequence[Sample | Phase] | None = None) -> list[Sample]:
         """Return which masses rest and slide backward at phases, from nearby samples if given."""
