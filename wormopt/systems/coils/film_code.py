@@ -115,6 +115,7 @@ def _driven(setup: FilmSetup, currents: Gait) -> Model:
 class _Window(Layer):
     """Neighbouring cells of a layer, at symbolic places."""
 
+    start: Any = 0.0
     middles: Any = None
 
     @property
