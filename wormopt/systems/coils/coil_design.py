@@ -142,12 +142,12 @@ class CoilDesign(OverCoils, kind="coil-design"):
     `"SI"`.
 
     The trust report has the checks `half the cells` and `smaller steps` (change of the float's
-    speed), and `second integrator` (SciPy's Radau on the same equations). `limits` checks the
-    currents at all times. `neighbours` is the gain of the best pattern with one value changed by a
-    twentieth of the limit, or the rate by a twentieth, on the search grid. Checks of a float are as
-    in `coil-film`. The report also has `searches` (each start and its result) and `rivals`. The
-    optimum is local. If no search improves on the best block or wave, that is the design, with a
-    warning.
+    speed), and `second integrator` (SciPy's Radau on the equations of the Model, which are not
+    compiled). `limits` checks the currents at all times. `neighbours` is the gain of the best
+    pattern with one value changed by a twentieth of the limit, or the rate by a twentieth, on the
+    search grid. Checks of a float are as in `coil-film`. The report also has `searches` (each start
+    and its result) and `rivals`. The optimum is local. If no search improves on the best block or
+    wave, that is the design, with a warning.
     """
 
     pictures: ClassVar = {
