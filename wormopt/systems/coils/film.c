@@ -2,13 +2,15 @@
    Constants, macros, these two and sparsities come before this text. State: volume left of each of
    the M inner faces, position and velocity of the float, then further sums over the cells. */
 enum { M = N - 1, BAND = 2 * NEAR + 3, ALONG = BAND + 2, OUT = (1 + SUMS) * (1 + ALONG) };
+enum { WORK = (OUT + ROWS) * N + 1 + 2 * (N + BAND) + 2 * N }; /* too much for a stack */
 
 /* out[k][i] of each cell i: flow through its right face, its parts of the sums, then for each of
    these the derivatives by the volumes at the faces near, by position and velocity */
-static void all(const double **arg, Local *function, double out[OUT][N])
+static double (*all(const double **arg, Local *function, double *w))[N]
 {
     const double t = *arg[0], *x = arg[1], *given = GIVEN, s = SINCE;
-    double volume[N + BAND], middle[N + BAND], face[N], inner[N], field[ROWS * N + 1];
+    double (*out)[N] = (double (*)[N])w, *field = w + OUT * N, *volume = field + ROWS * N + 1;
+    double *middle = volume + N + BAND, *face = middle + N + BAND, *inner = face + N;
     for (int i = 0; i < N + BAND; i++) {
         /* walls are mirrors: cells beyond them are as thick, and covered, as those before them */
         const int cell = i - NEAR, wall = i - NEAR;
@@ -31,13 +33,14 @@ static void all(const double **arg, Local *function, double out[OUT][N])
         const int i = k < N - LANES ? k : N - LANES;
         function(volume + i, middle + i, face + i, inner + i, field + i, common, &out[0][i]);
     }
+    return out;
 }
 
 int dae(const double **arg, double **res, long long *iw, double *w, int mem)
 {
-    double out[OUT][N], *found = res[0];
+    double *found = res[0], (*out)[N];
     if (!found) return 0;
-    all(arg, local, out);
+    out = all(arg, local, w);
     for (int i = 0; i < M; i++) found[i] = out[0][i];
     found[M] = VELOCITY * PACE * arg[1][M + 1];
     for (int k = 0; k < SUMS; k++) {
@@ -54,10 +57,10 @@ int daeF(const double **arg, double **res, long long *iw, double *w, int mem)
 
 int jacF(const double **arg, double **res, long long *iw, double *w, int mem)
 {
-    double out[OUT][N], *found = res[0];
+    double *found = res[0], (*out)[N];
     const long long *first = jacF_sparsity_out(0) + 2, *row = first + N + SUMS + 1;
     if (!found) return 0;
-    all(arg, local_slopes, out);
+    out = all(arg, local_slopes, w);
     for (int k = 0; k < first[N + SUMS]; k++) found[k] = 0.0;
     found[first[M + 2] - SUMS - 1] = VELOCITY * PACE;
     for (int k = 0; k < ALONG; k++) {
@@ -77,4 +80,28 @@ int jacF(const double **arg, double **res, long long *iw, double *w, int mem)
         }
     }
     return 0;
+}
+
+static int work(long long *arg, long long *res, long long *iw, long long *w)
+{
+    *arg = 5;
+    *res = 4;
+    *iw = 0;
+    *w = WORK;
+    return 0;
+}
+
+int dae_work(long long *arg, long long *res, long long *iw, long long *w)
+{
+    return work(arg, res, iw, w);
+}
+
+int daeF_work(long long *arg, long long *res, long long *iw, long long *w)
+{
+    return work(arg, res, iw, w);
+}
+
+int jacF_work(long long *arg, long long *res, long long *iw, long long *w)
+{
+    return work(arg, res, iw, w);
 }

@@ -209,15 +209,20 @@ def _source(setup: FilmSetup, layout: Layout) -> str | None:
 def _sparsities(cells: int, layout: Layout) -> dict[str, ca.Sparsity]:
     """Sparsities of all inputs and outputs."""
     m, n = cells - 1, cells + layout.sums
-    slopes = np.zeros((n, n), dtype=bool)
-    slopes[:m, :m] = np.abs(np.subtract.outer(np.arange(m), np.arange(m))) <= _NEAR + 1
-    slopes[:m, m : m + 2] = slopes[m, m + 1] = slopes[m + 1 :, : m + 2] = True
+    faces, near = np.arange(m), range(-_NEAR - 1, _NEAR + 2)
+    entries = [
+        *((faces[max(k, 0) : m + min(k, 0)], faces[max(-k, 0) : m + min(-k, 0)]) for k in near),
+        *((faces, np.full(m, column)) for column in (m, m + 1)),
+        ([m], [m + 1]),
+        *((np.full(m + 2, row), np.arange(m + 2)) for row in range(m + 1, n)),
+    ]
+    rows, columns = (np.concatenate(part).tolist() for part in zip(*entries, strict=True))
     none = ca.Sparsity(0, 1)
     return {
         "t": ca.Sparsity.dense(1, 1), "x": ca.Sparsity.dense(n, 1), "z": none,
         "p": ca.Sparsity.dense(layout.p, 1), "u": ca.Sparsity.dense(layout.u, 1),
         "ode": ca.Sparsity.dense(n, 1), "alg": none, "quad": none, "zero": none,
-        "jac_ode_x": ca.sparsify(ca.DM(slopes)).sparsity(), "jac_alg_x": ca.Sparsity(0, n),
+        "jac_ode_x": ca.Sparsity.triplet(n, n, rows, columns), "jac_alg_x": ca.Sparsity(0, n),
         "jac_ode_z": ca.Sparsity(n, 0), "jac_alg_z": ca.Sparsity(0, 0),
     }  # fmt: skip
 
