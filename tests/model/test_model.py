@@ -63,7 +63,7 @@ def test_the_symbolic_worm_moves_as_the_closed_form_crawl(
     for stretch in motion.stretches:
         if stretch.stop - stretch.start < 0.02:
             continue
-        rows = motion._rows()
+        rows = motion._rows
         h = 1e-4
         middle = np.linspace(stretch.start + 0.005, stretch.stop - 0.005, 7)
         now, ahead, behind = (motion.quantities(stretch, middle + d) for d in (0.0, h, -h))

@@ -12,6 +12,7 @@ from smooth_gaits import glide_by_hand
 
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
+from wormopt.systems.spiked import bimodal
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.construct import fast_gait
 from wormopt.systems.spiked.crawl import crawl
@@ -61,8 +62,6 @@ def test_gait_15_is_ruled_by_kinematics():
     assert motion.resting_min == 1
     assert [resting for _, resting in motion.switches] == [{1}, {0}, {2}]
     assert [time for time, _ in motion.switches] == pytest.approx([0, 1 / 3, 2 / 3])
-    assert motion.time[-1] == 1.0
-    assert motion.position[-1] == motion.advance
 
 
 @pytest.mark.parametrize("drag", [0.0, 1.0])
@@ -109,7 +108,6 @@ def test_corners_give_an_impulse_and_a_glide(drag: float):
     assert motion.glides == (pytest.approx((0.0, end), abs=1e-11),)
     assert motion.advance == pytest.approx(rate * period / 2 + slide, abs=1e-11)
     assert motion.lambda_mean == pytest.approx(drag * motion.speed + load, abs=1e-11)
-    assert motion.glide[-1] == pytest.approx(w, abs=1e-12)
     assert [resting for _, resting in motion.switches] == [set(), {1}, {0}]
 
 
@@ -128,7 +126,7 @@ def test_a_gait_that_rides_on_sigma_0_does_not_flicker(noise: float):
     gait = Gait(gait.breaks, gait.polynomial * (1 + wobble))
     motion = integrate(gait, [1.0, 1.0], 0.0, load)
     assert motion.glides == ()
-    assert len(motion.time) <= 6
+    assert len(motion.switches) == 2
     assert motion.lambda_min == pytest.approx(0, abs=1e-9)
     assert motion.advance == pytest.approx(2 * load * ramp**2, abs=1e-11)
 
@@ -252,8 +250,9 @@ def test_the_largest_load_may_stand_next_to_the_landing(load: float):
     assert motion.lambda_max == pytest.approx(largest, rel=1e-12)
 
 
-def test_refusals():
+def test_refusals(monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(ValueError, match="2 masses for 2 links"):
         integrate(fast_gait(1.0), [1.0, 1.0], 0.0, 1.0)
-    with pytest.raises(SolveError, match=r"not periodic after 1 periods.*increase max_periods"):
-        integrate(fast_gait(1.0), [1.0] * 3, 1.0, 5.0, max_periods=1)
+    monkeypatch.setattr(bimodal, "_MOST_PERIODS", 1)
+    with pytest.raises(SolveError, match=r"not periodic after 1 periods.*increase worm\.drag or"):
+        integrate(fast_gait(1.0), [1.0] * 3, 1.0, 5.0)

@@ -65,6 +65,7 @@ def test_the_course_of_a_bound():
     assert bound[1] == pytest.approx(0.9, rel=1e-6)  # mean rates: strokes of 0.45 in half of 1
     assert bound[-1] == value(result, "bound")
     assert np.all(np.diff(result["proof_time"].values) >= 0)
+    assert value(result, "certified_seconds") >= result["proof_time"].values[-1]
     assert "every gait with any resting sequence" in result.trust["certificate"]["holds_for"]
 
 

@@ -158,7 +158,7 @@ def test_velocities_are_those_that_rates_allow_from_the_nearest_at_rest():
 def test_units_are_the_largest_rate_the_longest_period_and_the_mean_mass():
     limits = scaled()
     assert (limits.speed, limits.time, limits.mean_mass) == (3.0, 4.0, 1.25)
-    assert (limits.shortest_period, limits.longest_period) == (0.5, 1.0)
+    assert limits.periods == (0.5, 1.0)
     assert limits.strokes == pytest.approx(np.array([0.6, 0.3, 0.8]) / 12, rel=1e-12)
     assert limits.force == pytest.approx(1.25 * 3 / 4, rel=1e-12)
     assert limits.drag == pytest.approx(0.3 * 4 / 1.25, rel=1e-12)
@@ -166,4 +166,4 @@ def test_units_are_the_largest_rate_the_longest_period_and_the_mean_mass():
     assert limits.actuator_most * limits.force == pytest.approx([15.0, 25.0, 18.0], rel=1e-12)
     double = limits.task.limits.vary(period=8.0, rate=6.0)
     other = ScaledLimits(limits.task.vary(limits=double), like=limits)
-    assert (other.speed, other.time, other.longest_period) == (3.0, 4.0, 2.0)
+    assert (other.speed, other.time, other.periods) == (3.0, 4.0, (2.0, 2.0))

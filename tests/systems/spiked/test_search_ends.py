@@ -50,6 +50,7 @@ def test_one_link_is_proven_the_best_at_once():
     assert found.ended == "proven"
     assert found.speed == pytest.approx(4 / 9, rel=1e-9)
     assert found.bound == pytest.approx(4 / 9, rel=1e-6)
+    assert found.bounded is found.survey.bounded  # computed once
 
 
 LONG = (Worm(links=4, load=5.0), G1_LIMITS.vary(period=2.0))

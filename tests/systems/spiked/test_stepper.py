@@ -270,7 +270,9 @@ def test_laws_of_the_bristles_hold(gait: Gait, slip: float, settle: float):
     twice = np.hstack([moved.position, moved.position + moved.advance])
     foremost = np.maximum.accumulate(twice, axis=1)
     assert (foremost - twice).max() <= slip + 1e-9
-    assert moved.holding.any(axis=0).all()
+    if moved.speed > 1e-9:  # some bristle holds at any time
+        back = (foremost - twice)[:, moved.time.size :].max(axis=0)
+        assert back == pytest.approx(np.full(moved.time.size, slip), abs=1e-9)
     if slip == 0:
         assert np.diff(twice, axis=1).min() >= -1e-9
     assert moved.speed >= -1e-12
@@ -374,14 +376,6 @@ def test_the_table_reads_back_as_it_was():
     for name in ("time", "motor", "direction", "start"):
         assert getattr(read, name).tolist() == getattr(steps, name).tolist()
     assert (read.period, read.travel) == (steps.period, steps.travel)
-
-
-@pytest.mark.parametrize(
-    "text", ["", "t,l_0\n0,1\n", "# period_s: 1\ntime_s,motor,direction\n0.5,1,1\n"]
-)
-def test_other_tables_are_refused(text: str):
-    with pytest.raises(ArgumentError, match="not a table of steps"):
-        read_csv(text)
 
 
 def test_a_table_of_steps_that_do_not_return_is_refused():

@@ -10,7 +10,6 @@ from wormopt.errors import SolveError
 from wormopt.quantities import Scalar, unit_of
 from wormopt.result import Check
 from wormopt.study import (
-    Study,
     arrays,
     checks,
     number,
@@ -27,6 +26,7 @@ from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked import (
     DESIGN_SCALARS,
     MOTION_VARIABLES,
+    GaitStudy,
     Limits,
     Objective,
     Search,
@@ -101,7 +101,7 @@ class OnPlant:
     )
 
 
-class BelievedDesign(Study):
+class BelievedDesign(GaitStudy):
     """Base of kinds that design a gait for a worm with fitted parameters.
 
     A kind gives the fit, `believed` and the real worm. This class designs, reports and tests.
@@ -110,14 +110,8 @@ class BelievedDesign(Study):
     if TYPE_CHECKING:  # keys and members of each kind
         objective: Objective
         confidence: float
-        gait: Limits
-        search: Search
-        motor: Any
         fitting: Any  # a stage with the Fit
         believed: Any  # member with a Believed
-
-        @property
-        def limits(self) -> Limits: ...
 
     @property
     def converged(self) -> bool:

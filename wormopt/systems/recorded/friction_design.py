@@ -29,7 +29,7 @@ from wormopt.systems.recorded.fit import FitRecordings
 from wormopt.systems.recorded.found import label_of
 from wormopt.systems.recorded.tables import SceneTables, scene_of
 from wormopt.systems.shared.gravity import assumed
-from wormopt.systems.spiked import Objective, WormlessDesignTable, faults_of_limits
+from wormopt.systems.spiked import Objective, WormlessDesignTable
 
 with on_use():
     import numpy as np
@@ -186,7 +186,7 @@ class FrictionDesign(WormlessDesignTable, BelievedDesign, kind="friction-design"
         yield from wrong
         if wrong:
             return
-        yield from faults_of_limits(self)
+        yield from self.faults_of_limits()
         yield from self.objective.faults_in_scene()
         yield from self._faults_of_gait()
         if self.plant is not None:

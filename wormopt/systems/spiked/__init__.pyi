@@ -14,12 +14,12 @@ from wormopt.systems.spiked.design_results import with_keys as with_keys
 from wormopt.systems.spiked.dynamics import driven_worm as driven_worm
 from wormopt.systems.spiked.gait_problem import DesignTable as DesignTable
 from wormopt.systems.spiked.gait_problem import GaitProblem as GaitProblem
+from wormopt.systems.spiked.gait_problem import GaitStudy as GaitStudy
 from wormopt.systems.spiked.gait_problem import Links as Links
 from wormopt.systems.spiked.gait_problem import Objective as Objective
 from wormopt.systems.spiked.gait_problem import Search as Search
 from wormopt.systems.spiked.gait_problem import Worm as Worm
 from wormopt.systems.spiked.gait_problem import WormlessDesignTable as WormlessDesignTable
-from wormopt.systems.spiked.gait_problem import faults_of_limits as faults_of_limits
 from wormopt.systems.spiked.limits import Limits as Limits
 from wormopt.systems.spiked.motion import DESIGN_SCALARS as DESIGN_SCALARS
 from wormopt.systems.spiked.motion import MOTION_VARIABLES as MOTION_VARIABLES

@@ -30,6 +30,7 @@ Spell = tuple[float, float, tuple[int, ...]]
 # as 0, so that gaits with sigma = 0 do not flicker between the modes.
 _TIE = 1e-9
 _SAMPLES = 129  # per smooth interval; extrema between samples are found from a parabola
+_MOST_PERIODS = 50
 _QUADRATURE = 1e-14  # relative to the integral of the largest value
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
@@ -49,9 +50,6 @@ class BimodalMotion:
     lambda_mean: float  # over the period, impulses included
     impulses: tuple[tuple[float, float], ...]  # (time, size) on the spikes, summed over the masses
     resting_min: int  # smallest number of masses at rest on any interval
-    time: np.ndarray  # (events,) times of one period when something changes
-    position: np.ndarray  # (events,) of the head
-    glide: np.ndarray  # (events,) common velocity w, after a jump
 
 
 def integrate(
@@ -61,20 +59,18 @@ def integrate(
     load: float,
     *,
     rtol: float = 1e-13,
-    max_periods: int = 50,
 ) -> BimodalMotion:
     """Integrate eq. 7 from w = 0 until periodic, and return the last period. Raises SolveError.
 
-    With unequal masses, mean(m) w' + k w + sigma = lambda and sigma = p' + k W0 + Γ, where p is
-    the mean of m_i v_i at w = 0. Without load and drag, w + const is a solution too. `rtol` must
-    be at least 3e-14.
+    With unequal masses, mean(m) w' + k w + sigma = lambda and sigma = p' + k W0 + Γ, where p is the
+    mean of m_i v_i at w = 0. Without load and drag, w + const is a solution too. `rtol` ≥ 3e-14.
     """
     if len(mass) != gait.links + 1:
         raise ArgumentError(f"{len(mass)} masses for {gait.links} links; write {gait.links + 1}")
     worm = DrivenWorm(gait, np.asarray(mass, dtype=float), drag, load)
     arcs = [arc for piece in range(gait.pieces) for arc in cut_piece(worm, piece)]
     w = 0.0
-    for _ in range(max_periods):
+    for _ in range(_MOST_PERIODS):
         track = _Track(worm, w, rtol)
         for arc in arcs:
             track.run(arc)
@@ -83,20 +79,19 @@ def integrate(
             return track.motion()
         w = track.w
     raise SolveError(
-        f"the worm's motion is not periodic after {max_periods} periods of the gait",
-        "increase max_periods, worm.drag or worm.load",
+        f"the worm's motion is not periodic after {_MOST_PERIODS} periods of the gait",
+        "increase worm.drag or worm.load",
     )
 
 
 class _Track:
-    """State of the integration over one period: position, velocity and events so far."""
+    """State of the integration over one period: position and velocity, loads and spells so far."""
 
     def __init__(self, worm: DrivenWorm, w: float, rtol: float) -> None:
         self.worm, self.w, self.rtol = worm, w, rtol
         self.x = self.load_integral = 0.0
         self.lambdas: list[float] = []
         self.impulses: list[tuple[float, float]] = []
-        self.events: list[tuple[float, float, float]] = [(0.0, 0.0, w)]
         self.spells: list[Spell] = []
         self.piece = 0
 
@@ -120,7 +115,6 @@ class _Track:
             size = push * float(worm.mass.sum())
             self.impulses.append((float(worm.gait.breaks[following]), size))
             self.load_integral += size / len(worm.mass)
-        self.events.append((self.events[-1][0], self.x, self.w))
 
     def _glide(self, arc: Arc) -> float:
         """Glide along an arc; returns the end of the glide, at the latest that of the arc."""
@@ -150,8 +144,7 @@ class _Track:
         )
         if solution.status < 0:
             raise SolveError(
-                f"a glide of the worm could not be integrated ({solution.message})",
-                "increase rtol",
+                f"a glide of the worm could not be integrated ({solution.message})", "increase rtol"
             )
         end = float(solution.t[-1])
         self.x += float(solution.y[0, -1])
@@ -180,13 +173,11 @@ class _Track:
     def _log(self, arc: Arc, start: float, end: float, resting: tuple[int, ...]) -> None:
         begin = float(self.worm.gait.breaks[arc.piece])
         self.spells.append((begin + start, begin + end, resting))
-        self.events.append((begin + end, self.x, self.w))
 
     def motion(self) -> BimodalMotion:
-        """Make the periodic motion from the recorded events."""
+        """Make the periodic motion from the recorded spells."""
         period = self.worm.gait.period
         switches = _switches(self.spells, 1e-9 * period)
-        time, position, glide = np.array(self.events).T
         return BimodalMotion(
             advance=self.x,
             speed=self.x / period,
@@ -197,9 +188,6 @@ class _Track:
             lambda_mean=self.load_integral / period,
             impulses=tuple(self.impulses),
             resting_min=min(len(resting) for _, resting in switches),
-            time=time,
-            position=position,
-            glide=glide,
         )
 
 

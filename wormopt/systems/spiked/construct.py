@@ -11,6 +11,7 @@ from wormopt.errors import ArgumentError, SceneError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.result import Result
 from wormopt.study.scene import Scene
+from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.shared.sequences import block_wave_sequence
 from wormopt.systems.spiked.shapes import BlockWaveShape, FastShape, FileShape, Shape, SineShape
 from wormopt.tables import SUFFIXES
@@ -58,11 +59,7 @@ def fast_gait(period: float, rest_length: float = 2.0, elongation: float = 0.15)
 
 
 def travelling_sine(
-    links: int,
-    period: float,
-    rest_length: float = 2.0,
-    amplitude: float = 0.6,
-    lag: float = 1 / 3,
+    links: int, period: float, rest_length: float = 2.0, amplitude: float = 0.6, lag: float = 1 / 3
 ) -> Gait:
     """Make a sine wave that runs from link to link, l_j = l0 + A sin(2 pi (t/T - (j + 1) lag)).
 
@@ -75,8 +72,7 @@ def travelling_sine(
     rest_length, amplitude : float, optional
         Mean length l0 and amplitude A of every link.
     lag : float, optional
-        Lag of each link behind the one ahead of it, as a share of the period. Link 0 has the same
-        lag.
+        Lag of each link, also of link 0, behind the one ahead of it, as a share of the period.
 
     Returns
     -------
@@ -146,11 +142,7 @@ def accordion(
 
 
 def _strokes(
-    changes: np.ndarray,
-    period: float,
-    length: tuple[float, float],
-    profile: Profile,
-    ramp: float,
+    changes: np.ndarray, period: float, length: tuple[float, float], profile: Profile, ramp: float
 ) -> Gait:
     """Join equal phases in which link j changes its length by ``changes[phase, j]``."""
     phases, links = changes.shape
@@ -198,22 +190,14 @@ def _trapezoid(ramp: float) -> list[Row]:
     return [row for row in (rise, cruise, fall) if row[1] > row[0]]
 
 
-_DIMS = {
-    "breaks": ("gait_break",),
-    "polynomial": ("gait_piece", "link", "gait_power"),
-    "omega": ("gait_piece",),
-    "cosine": ("gait_piece", "link"),
-    "sine": ("gait_piece", "link"),
-}
-
-
 def gait_of_result(result: Result, point: int | None = None) -> Gait:
     """Read the gait of a Result, or of a point of a front; ArgumentError if there is none."""
     if point is not None:
         return _gait_of_point(result, point)
     if "gait_polynomial" not in result:
         raise ArgumentError(f"the result of scene {result.scene!r} contains no gait")
-    return Gait(**{k: result[f"gait_{k}"].values for k in _DIMS if f"gait_{k}" in result})
+    known = {name: result[name].values for name in GAIT if name in result}
+    return Gait(**{name.removeprefix("gait_"): values for name, values in known.items()})
 
 
 def _gait_of_point(result: Result, point: int) -> Gait:
@@ -228,9 +212,7 @@ def _gait_of_point(result: Result, point: int) -> Gait:
 
 
 def load_gait(
-    path: str | Path,
-    point: int | None = None,
-    units: Literal["dimensionless", "SI"] | None = None,
+    path: str | Path, point: int | None = None, units: Literal["dimensionless", "SI"] | None = None
 ) -> Gait:
     """Load a gait from a table (t, l_0, l_1, ...) or from a saved Result.
 
@@ -239,8 +221,7 @@ def load_gait(
     path : str or Path
         A text file (``.csv``, ``.txt``, ``.tsv``, ``.dat``), a ``result.nc``, or a result's folder.
     point : int, optional
-        Point of a front (kind ``gait-pareto``), numbered from 0, the slowest. The default is its
-        knee.
+        Point of a front (kind ``gait-pareto``), numbered from 0, the slowest; by default its knee.
     units : {"dimensionless", "SI"}, optional
         Units of the returned gait: lengths in m and times in s, or no units. By default, a table
         is converted to SI, and a result keeps its units.

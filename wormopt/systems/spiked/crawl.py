@@ -34,8 +34,7 @@ from wormopt.systems.spiked.stretches import (
 class Crawl(SampledMotion):
     """Periodic motion of a worm with spikes under a prescribed gait.
 
-    `motion[name]` returns samples of a signal at the times `motion.time`. Signals are listed in
-    `names`.
+    `motion[name]` returns samples of a signal, one of `names`, at the times `motion.time`.
 
     Parameters
     ----------
@@ -57,24 +56,13 @@ class Crawl(SampledMotion):
     drops: tuple[float, ...]
     drive: Drive
 
-    # Rows of a stretch's quantities.
+    @cached_property
     def _rows(self) -> dict[str, slice]:
-        n = self.gait.links
-        sizes = {
-            "length": n,
-            "rate": n,
-            "acceleration": n,
-            "velocity": n + 1,
-            "reaction": n + 1,
-            "actuator_force": n,
-            "power": n,
-            "sigma": 1,
-            "reaction_mean": 1,
-            "glide": 1,
-            "closure": 1,
-        }
-        edges = np.cumsum([0, *sizes.values()])
-        return {k: slice(int(a), int(b)) for k, a, b in zip(sizes, edges, edges[1:], strict=False)}
+        """Rows of each signal in `quantities`."""
+        first = self.stretches[0]
+        signals = self._signals(first, np.array([first.start]))
+        edges = np.cumsum([0, *map(len, signals.values())]).tolist()
+        return dict(zip(signals, map(slice, edges, edges[1:]), strict=False))
 
     __repr__ = SampledMotion.__repr__
 
@@ -108,10 +96,11 @@ class Crawl(SampledMotion):
         return "link" if len(self[name]) == self.gait.links else "mass"
 
     def quantities(self, stretch: Stretch, s: np.ndarray) -> np.ndarray:
-        """All signals of a stretch at times `s` (m,) since its piece began, shape (rows, m).
+        """All signals of a stretch at times `s` (m,) since its piece began, shape (rows, m)."""
+        return np.vstack([*self._signals(stretch, s).values()])
 
-        Stacked in the order of _rows.
-        """
+    def _signals(self, stretch: Stretch, s: np.ndarray) -> dict[str, np.ndarray]:
+        """Signals of a stretch by name, shape (rows, m) each."""
         drive, gait = self.drive, self.gait
         v, a = drive.kinematic(stretch.piece, stretch.leader, s)
         sigma = drive.sigma(v, a)
@@ -130,21 +119,19 @@ class Crawl(SampledMotion):
             loads = np.zeros_like(v)
         force = unloaded + np.cumsum(loads, axis=0)
         rate = gait.on_piece(stretch.piece, s, 1)
-        return np.vstack(
-            [
-                gait.on_piece(stretch.piece, s),
-                rate,
-                gait.on_piece(stretch.piece, s, 2),
-                v,
-                loads,
-                force[:-1],
-                -force[:-1] * rate,
-                sigma,
-                mean,
-                w,
-                force[-1:],
-            ]
-        )
+        return {
+            "length": gait.on_piece(stretch.piece, s),
+            "rate": rate,
+            "acceleration": gait.on_piece(stretch.piece, s, 2),
+            "velocity": v,
+            "reaction": loads,
+            "actuator_force": force[:-1],
+            "power": -force[:-1] * rate,
+            "sigma": sigma[None],
+            "reaction_mean": mean[None],
+            "glide": w[None],
+            "closure": force[-1:],
+        }
 
     @cached_property
     def parts(self) -> tuple[tuple[Stretch, Series], ...]:
@@ -197,7 +184,7 @@ class Crawl(SampledMotion):
         return {}
 
     def _series(self, signal: str) -> Iterator[Series]:
-        rows = self._rows()[signal]
+        rows = self._rows[signal]
         for _, series in self.parts:
             yield Series(series.a, series.b, series.coefficients[rows])
 
@@ -209,7 +196,7 @@ class Crawl(SampledMotion):
         signal : str
             Name of the signal.
         """
-        rows = self._rows()[signal]
+        rows = self._rows[signal]
         return np.sum([s.integral()[rows] for _, s in self.parts], axis=0)
 
     @cached_property
@@ -259,7 +246,7 @@ class Crawl(SampledMotion):
     @cached_property
     def energy(self) -> float:
         """Energy spent by the actuators per period, without recovery."""
-        power, total = self._rows()["power"], 0.0
+        power, total = self._rows["power"], 0.0
         for _, series in self.parts:
             primitive = series.primitive()
             for row in range(power.start, power.stop):
@@ -312,7 +299,7 @@ class Crawl(SampledMotion):
             `extremes`, each (rows, m).
         """
         times, values, resting, head, travelled = [], [], [], [], 0.0
-        rows = self._rows()
+        rows = self._rows
         for stretch, series in self.parts:
             share = (stretch.stop - stretch.start) / self.gait.period
             s = np.linspace(stretch.start, stretch.stop, int(np.ceil(share * points)) + 1)

@@ -15,7 +15,7 @@ from wormopt.result import Check, Result
 from wormopt.study.types import per
 from wormopt.systems.shared.gravity import assumed
 from wormopt.systems.spiked.design.design import Design, objective_of
-from wormopt.systems.spiked.gait_problem import Cost, Effort, GaitTables
+from wormopt.systems.spiked.gait_problem import Cost, Effort, GaitStudy
 from wormopt.systems.spiked.motion import (
     MOTION_VARIABLES,
     agreement,
@@ -26,10 +26,8 @@ from wormopt.systems.spiked.motion import (
 )
 from wormopt.systems.spiked.search.search import DONE
 from wormopt.systems.spiked.stepper.stepper import Demand, demand
-from wormopt.systems.spiked.verify import excess_of
+from wormopt.systems.spiked.verify import ACCEPTED, excess_of
 
-# A gait is accepted if every limit holds and the second route agrees within this share.
-_ACCEPTED = 1e-9
 _MOTORS = (
     "one motor per link turns a threaded rod: |l'| <= lead rate_max and |l''| <= lead "
     "acceleration_max hold at all times, also below motor.start_rate, where motors need no ramp; "
@@ -44,12 +42,12 @@ COST_SCALARS: dict[Cost, str] = {
 """Scalars that hold the costs."""
 
 
-def with_keys(error: SolveError, table: GaitTables) -> SolveError:
+def with_keys(error: SolveError, study: GaitStudy) -> SolveError:
     """Rewrite the error of a design with keys of scenes; a note explains limits of the motor."""
     reason, suggestion = error.reason, error.suggestion
     notes = [
         f"gait.{name} is here the limit of the motor, motor.lead * motor.{name}_max"
-        for name, whose in _whose(table).items()
+        for name, whose in _whose(study).items()
         if "motor" in whose and f"gait.{name}" in f"{reason} {suggestion}"
     ]
     return SolveError(reason, "; ".join([suggestion, *notes]), code=error.code)
@@ -67,7 +65,7 @@ class DesignReport:
     warnings: tuple[str, ...]
 
 
-def of_design(table: GaitTables, found: Design) -> DesignReport:
+def of_design(study: GaitStudy, found: Design) -> DesignReport:
     """Report on a designed gait, recomputed in closed form and by integration.
 
     Checks fail if a limit is violated by more than 1e-9 of its size, or if the second route
@@ -78,9 +76,9 @@ def of_design(table: GaitTables, found: Design) -> DesignReport:
     excess = dict(found.violations)
     if required is not None:
         excess["objective.speed"] = 1.0 - motion.speed / required
-    unit = unit_of(found.task.objective.quantity, table.units)
+    unit = unit_of(found.task.objective.quantity, study.units)
     objective = Scalar(objective_of(motion, found.task.objective.minimise), unit)
-    scalars = motion_scalars(motion, table.units) | {
+    scalars = motion_scalars(motion, study.units) | {
         "recheck_speed_error": abs(again.speed - motion.speed),
         "cycles": found.cycles,
         "ceiling": found.ceiling,
@@ -90,21 +88,20 @@ def of_design(table: GaitTables, found: Design) -> DesignReport:
         **_limits(found),
     }
     checks = [*_checks(excess, found), *agreement(motion, again), *_under_loads(found)]
-    facts = motion_facts(motion, again) | _facts(found, excess) | assumed(table.units)
-    rounded = _rounded(found)
-    if rounded:
-        facts["rounded"] = rounded
-    if (motor := table.motor) is not None:
-        # a motor that always needs a ramp, and the gait alone: independent of the design's own
-        # check
+    facts = motion_facts(motion, again) | _facts(found, excess) | assumed(study.units)
+    limits, rounded = found.task.limits, dict[str, float]()
+    if limits.length_step is not None:  # rounded lengths that change linearly between ticks
+        facts["rounded"] = rounded = excess_of(found.table, limits.tick or 1.0, limits)
+    if (motor := study.motor) is not None:
+        # a motor that always needs a ramp, and the gait alone: independent of the design's check
         needed = demand(found.gait, structs.replace(motor, start_rate=0.0))
-        scalars |= {f"{name}_limit_from": whose for name, whose in _whose(table).items()}
+        scalars |= {f"{name}_limit_from": whose for name, whose in _whose(study).items()}
         scalars["motor_rate_share"] = float(needed.turn_rate_max.max()) / motor.rate_max
         most = float(needed.acceleration_max.max())
         scalars["motor_acceleration_share"] = most / motor.acceleration_max
         checks.append(_check_of_motors(needed))
-        facts |= assumed(table.units, motors=_MOTORS)
-    warnings = (*_warnings(found, table.search.effort), *_warnings_of_steps(rounded))
+        facts |= assumed(study.units, motors=_MOTORS)
+    warnings = (*_warnings(found, study.search.effort), *_warnings_of_steps(rounded))
     return DesignReport(
         objective, scalars, motion_variables(motion), tuple(checks), facts, warnings
     )
@@ -113,10 +110,10 @@ def of_design(table: GaitTables, found: Design) -> DesignReport:
 def _checks(excess: dict[str, float], found: Design) -> Iterator[Check]:
     for key, value in excess.items():
         over = float(np.maximum(value, 0.0))  # NaN remains
-        yield Check(key, over, _ACCEPTED, f"{key} is exceeded by {value:.2g} of its value")
+        yield Check(key, over, ACCEPTED, f"{key} is exceeded by {value:.2g} of its value")
     above = found.speed / found.ceiling - 1.0
     advice = "the speed is above its ceiling, which is an error; please report this scene"
-    yield Check("speed over its ceiling", max(0.0, above), _ACCEPTED, advice)
+    yield Check("speed over its ceiling", max(0.0, above), ACCEPTED, advice)
 
 
 def _under_loads(found: Design) -> Iterator[Check]:
@@ -211,17 +208,9 @@ def _warnings(found: Design, effort: Effort) -> Iterator[str]:
         yield f"the search ended early ({found.ended}): a longer search may find a better gait"
 
 
-def _rounded(found: Design) -> dict[str, float]:
-    """Violation of limits by rounded lengths that change linearly between ticks."""
-    limits = found.task.limits
-    if limits.length_step is None:
-        return {}
-    return excess_of(found.table, limits.tick or 1.0, limits)
-
-
 def _warnings_of_steps(rounded: dict[str, float]) -> Iterator[str]:
     for name, value in rounded.items():
-        if value > _ACCEPTED:
+        if value > ACCEPTED:
             yield (
                 f"lengths rounded to gait.length_step exceed {name} by {value:.2g} of its value "
                 "from tick to tick: write a smaller gait.length_step or a larger gait.tick"
@@ -232,12 +221,12 @@ def _check_of_motors(needed: Demand) -> Check:
     # a period too short by a share means accelerations too large by twice this share
     name, short = needed.strictest.name, max(0.0, needed.period_min / needed.period - 1.0)
     advice = f"motor.{name} is exceeded: the gait needs a period of {needed.period_min}"
-    return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=needed.feasible)
+    return Check(f"motor.{name}", short, ACCEPTED, advice, passed=needed.feasible)
 
 
-def _whose(table: GaitTables) -> dict[str, list[str]]:
+def _whose(study: GaitStudy) -> dict[str, list[str]]:
     """Source of the smaller limit of each link: "gait" or "motor"."""
-    links, limits, motor = table.counts["links"], table.gait, table.motor
+    links, limits, motor = study.counts["links"], study.gait, study.motor
     if motor is None:
         return {}
     rates = limits.rate_limits(links)

@@ -7,7 +7,7 @@ glide, on one spike for all masses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import casadi as ca
@@ -80,8 +80,7 @@ def spiked_worm(
 
 def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     """Formulate kinematic gait design as an optimal-control problem, periodic up to the advance."""
-    # Costs are scaled to about 1; peaks become bounding constants, positive powers become slacks
-    # (epigraph form).
+    # Costs are about 1. Epigraph form: peaks become bounding constants, positive powers slacks.
     n, period_range = worm.links, limits.period_range
     ranges = np.array(limits.length_ranges(n))
     model = spiked_worm(
@@ -97,11 +96,8 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     at_ends = [Constraint("start", ends.start[0], 0.0, 0.0, nominal=float(ranges.max()))]
     way = advance
     if objective.speed is not None:
-        at_ends.append(
-            Constraint(
-                "objective.speed", advance / ends.duration, objective.speed, nominal=speed_nominal
-            )
-        )
+        reached = advance / ends.duration
+        at_ends += [Constraint("objective.speed", reached, objective.speed, nominal=speed_nominal)]
         # Costs per distance stay finite at rest, where every start begins.
         way = ca.fmax(advance, objective.speed * ends.duration / 2)
     cost: dict[str, Any] = {"integrands": ca.SX(0)}
@@ -119,21 +115,15 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     )
 
 
-def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) -> list[Constraint]:
-    x, named = {s.name: s for s in model.x}, limits.name
-    bounds = [
-        Constraint(
-            f"{named}.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal
-        )
-    ]
-    rates = limits.rate_limits(links)
-    if rates is not None:
+def _limits_along(
+    model: Model, limits: Limits, links: int, ranges: np.ndarray
+) -> Iterator[Constraint]:
+    x, named, (low, high) = {s.name: s for s in model.x}, limits.name, ranges.T
+    yield Constraint(f"{named}.length", x["length"].symbol, low, high, x["length"].nominal)
+    if (rates := limits.rate_limits(links)) is not None:
+        contraction, extension = np.array(rates)
         size = float(np.max(rates))
-        bounds.append(
-            Constraint(
-                f"{named}.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size
-            )
-        )
+        yield Constraint(f"{named}.rate", x["rate"].symbol, -contraction, extension, size)
     for key, expression in (
         ("acceleration", model.u[0].symbol),
         ("spike_load", model.forces),
@@ -142,15 +132,10 @@ def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) 
         if getattr(limits, key) is not None:
             most = np.broadcast_to(getattr(limits, key), expression.numel())
             least = -np.inf if key == "spike_load" else -most  # spikes cannot pull
-            bounds.append(Constraint(f"{named}.{key}", expression, least, most, float(most.max())))
-    if limits.sigma_margin > 0:
+            yield Constraint(f"{named}.{key}", expression, least, most, float(most.max()))
+    if (margin := limits.sigma_margin) > 0:
         sigma = model["reaction_mean"]
-        bounds.append(
-            Constraint(
-                f"{named}.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin
-            )
-        )
-    return bounds
+        yield Constraint(f"{named}.sigma_margin", sigma, margin, nominal=margin)
 
 
 def _sharing(model: Model, limits: Limits, matter: bool) -> Callable[[ca.SX], ca.SX] | None:

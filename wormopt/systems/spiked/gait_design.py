@@ -37,11 +37,7 @@ with on_use():
     from wormopt.systems.spiked.certify.certificate import Verification, verify
     from wormopt.systems.spiked.design.design import Design
     from wormopt.systems.spiked.design.optimize import designed
-    from wormopt.systems.spiked.design.sensitivity import (
-        Sensitivity,
-        scaling_error,
-        sensitivities,
-    )
+    from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
     from wormopt.systems.spiked.design_results import DesignReport, of_design, with_keys
 
 # Rounding of a gait's own value, relative, in its comparison with a bound.
@@ -74,10 +70,9 @@ class GaitDesign(DesignTable, kind="gait-design"):
 
     Kind [`gait`](gait.md) explains the scalars and variables. Signals and the saved gait cover one
     cycle, `period` long. `objective`, `bound`, `discretisation_error`, `proof_bound` and
-    `proof_value` have the quantity of the objective. The attribute `limits`
-    holds the lists `name`, `value`, `unit` and `one_sided` in the order of `limit_elasticity`, and
-    `objective`. `limit_elasticity` is the relative sensitivity of the objective to each limit (0
-    for a limit of 0).
+    `proof_value` have the quantity of the objective. The attribute `limits` holds the lists `name`,
+    `value`, `unit` and `one_sided` in the order of `limit_elasticity`, and `objective`.
+    `limit_elasticity` is the relative sensitivity of the objective to each limit, 0 for one of 0.
 
     **Sensitivities.** The scalars `sensitivity.KEY` give the change of the objective per unit of
     each number in `[gait]`, `[worm]` and `objective.speed`. They show which limits bind the gait:
@@ -92,8 +87,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
     - It is the derivative of the optimal objective for this resting sequence and number of cycles.
       If another sequence becomes better, the gain is larger than the derivative, never smaller.
     - It refers to the direction in which the objective improves; for limits, this is relaxation. A
-      limit of 0 can only be raised: `sensitivity.sigma_margin` is then the cost of a first small
-      margin.
+      limit of 0 can only be raised: `sensitivity.sigma_margin` is then the cost of a small margin.
     - If raising and lowering a limit differ by more than 1 %, another limit becomes active at this
       point. The trust report lists these limits under `sensitivity.one_sided`. If several limits
       bind together and relaxing any single one does not help, the sensitivity of each is 0.
@@ -104,8 +98,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
       scene or the motor.
     - `sensitivity.scaling_error` in the trust report is the error of a known identity: a change of
       the units of mass, length and time does not change the gait, so certain sums of relative
-      sensitivities are known. It is near 0 unless a limit has different sensitivities in the two
-      directions.
+      sensitivities are known. It is near 0 unless sensitivities differ between the directions.
     - With `gait.tick` they are the sensitivities of the optimal gait without `gait.tick`, because
       with whole ticks the optimal objective moves in jumps.
     - They are unknown for `energy_per_distance`, for `acceleration_effort` and for an interrupted
@@ -217,6 +210,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
             assert found.bounded is not None
             return found.bounded, 0.0
         known = found.survey.bounded
+        clock -= known.history[-1][0] if known else 0.0  # spent in the search
         proven = bounded(found.task, found.value, self.search.certify, self.report, known)
         return proven, perf_counter() - clock
 
@@ -282,9 +276,7 @@ class GaitDesign(DesignTable, kind="gait-design"):
 
     @scalars(
         DESIGN_SCALARS
-        | {
-            "objective": ("speed", "objective reached, in its quantity, recomputed from the gait"),
-        }
+        | {"objective": ("speed", "objective reached, in its quantity, recomputed from the gait")}
     )
     def numbers(self) -> Mapping[str, Any]:
         return {**self.second_route.scalars, "objective": self.second_route.objective}

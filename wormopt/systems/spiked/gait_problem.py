@@ -7,8 +7,7 @@ are declared here only. `DesignTable` is the base of the kinds that design gaits
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from math import comb
-from typing import Annotated, Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from msgspec import Meta, structs
 
@@ -141,12 +140,9 @@ class Worm(Given, kw_only=False):
             return self
         weight, flat = weights(self.slope, self.gravity, self.masses), {"slope": 0.0}
         if len(set(weight)) == 1:
-            load = self.load
-            if isinstance(load, tuple):
-                heavier = tuple(one + weight[0] for one in load)
-            else:
-                heavier = load + weight[0]
-            return structs.replace(self, load=heavier, **flat)
+            heavier = tuple(one + weight[0] for one in per(self.load, 1))
+            load = heavier if isinstance(self.load, tuple) else heavier[0]
+            return structs.replace(self, load=load, **flat)
         pull = per(self.pull or 0.0, len(weight))
         pull = tuple(a + b for a, b in zip(pull, weight, strict=True))
         return structs.replace(self, pull=pull, **flat)
@@ -285,18 +281,20 @@ def _is_smooth(cost: Cost | None) -> bool:
     return cost in ("energy_per_distance", "acceleration_effort")
 
 
-def faults_of_cost(cost: Cost | None, worm: Worm, limits: Limits) -> Iterator[str]:
-    """Yield why a cost cannot be minimised for a worm within limits, each valid by itself."""
+def faults_of_cost(key: str, cost: Cost | None, worm: Worm, limits: Limits) -> Iterator[Fault]:
+    """Yield why the cost at `key` cannot be minimised for a worm within limits."""
     if cost is not None and limits.impulses:
         yield (
+            key,
             f"{cost} has no finite value with {limits.name}.impulses; remove "
-            f"{limits.name}.impulses and write {limits.name}.acceleration"
+            f"{limits.name}.impulses and write {limits.name}.acceleration",
         )
     low, high = worm.load_range
     if _is_smooth(cost) and low < high:
         yield (
+            key,
             f"{cost} depends on the load, and worm.load is a range; write one load, or choose "
-            "speed or a peak"
+            "speed or a peak",
         )
 
 
@@ -328,8 +326,7 @@ class Search(Given):
 
     Without `phases`, plain sequences are listed up to 4 phases and varied up to 12 phases.
     Constructed sequences have as many phases as they need; a travelling wave of *n* links has up to
-    *n* + 1. [Theory](../theory-kinematic.md#84-the-search-over-orders) explains how sequences are
-    tried.
+    *n* + 1. [Theory](../theory-kinematic.md#84-the-search-over-orders) explains the search.
 
     | effort | plain sequences, at most | sequences varied at a time, doubled after a round without gain | variations per round, at most | rounds without gain before the end | work, pivots times rows and columns | other starts (for a cost) | sequences sharpened |
     | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -483,11 +480,6 @@ class GaitProblem(Given, kw_only=False):
         return range(fewest, self.worm.links + 1 if self.loads_matter else fewest + 1)
 
     @property
-    def count_of_sets(self) -> int:
-        """Number of sets of masses that may rest."""
-        return sum(comb(self.worm.links + 1, size) for size in self.resting_sizes)
-
-    @property
     def speed_nominal(self) -> float:
         """Nominal speed: the largest rate of a link."""
         return max(map(max, self.limits.rate_bounds(self.worm.links)))
@@ -507,8 +499,8 @@ class GaitProblem(Given, kw_only=False):
         """Yield what does not fit together."""
         for key, message in self.limits.faults_for(self.worm.links):
             yield f"limits.{key}".removesuffix("."), message
-        for message in faults_of_cost(self.objective.minimise, self.worm, self.limits):
-            yield "objective.minimise", message
+        cost = self.objective.minimise
+        yield from faults_of_cost("objective.minimise", cost, self.worm, self.limits)
 
 
 _MOTOR = entry(
@@ -521,7 +513,37 @@ _MOTOR = entry(
 )
 
 
-class DesignTable(Study):
+class GaitStudy(Study):
+    """Base of kinds that design gaits within `gait`, for links that may have a `motor`."""
+
+    if TYPE_CHECKING:  # keys of each kind
+        gait: GaitLimits
+        search: Search
+        motor: Motor | None
+
+    @property
+    def limits(self) -> Limits:
+        """The limits, including those of the motors."""
+        own, motor = self.gait, self.motor
+        if motor is None:
+            return own
+        return own.within(motor.length_rate, motor.length_acceleration, self.counts["links"])
+
+    def faults_of_limits(self) -> Iterator[Fault]:
+        """Yield what is wrong between limits, motor and search."""
+        links, has_motor = self.counts["links"], self.motor is not None
+        if has_motor and self.gait.impulses:
+            yield (
+                "gait.impulses",
+                "true, but motor.acceleration_max forbids jumps of velocity; remove the key",
+            )
+        for key, message in self.gait.faults_for(links, motor=has_motor):
+            yield f"gait.{key}".removesuffix("."), message
+        for key, message in self.search.faults_for(links, self.gait):
+            yield f"search.{key}", message
+
+
+class DesignTable(GaitStudy):
     """Tables shared by scenes that contain the worm for which they design gaits."""
 
     worm: SceneWorm = entry("the worm")
@@ -534,11 +556,6 @@ class DesignTable(Study):
         """Numbers of links and masses."""
         return self.worm.counts
 
-    @property
-    def limits(self) -> Limits:
-        """The limits, including those of the motors."""
-        return limits_of(self)
-
     def task(self, objective: Objective) -> GaitProblem:
         """The design problem for the given objective."""
         return GaitProblem(self.worm, self.limits, objective)
@@ -546,63 +563,16 @@ class DesignTable(Study):
     def faults_of_design(self) -> Iterator[Fault]:
         """Yield what is wrong between worm, limits, motor and search."""
         yield from self.worm.faults_in_scene(self.units, ranges=True)
-        yield from faults_of_limits(self)
+        yield from self.faults_of_limits()
 
     def faults_of_cost(self, key: str, cost: Cost | None) -> Iterator[Fault]:
         """Yield a fault if the cost at `key` cannot be minimised in this scene."""
-        for message in faults_of_cost(cost, self.worm, self.gait):
-            yield key, message
+        return faults_of_cost(key, cost, self.worm, self.gait)
 
 
-class WormlessDesignTable(Study):
+class WormlessDesignTable(GaitStudy):
     """Tables shared by scenes that find the worm for which they design gaits."""
 
     gait: GaitLimits = entry("the limits")
     search: Search = entry("options of the search", default=Search)
     motor: Motor | None = _MOTOR
-
-    @property
-    def limits(self) -> Limits:
-        """The limits, including those of the motors."""
-        return limits_of(self)
-
-
-class GaitTables(Protocol):
-    """Keys of a scene that designs gaits, as `DesignTable` and `WormlessDesignTable` have them."""
-
-    @property
-    def units(self) -> str: ...
-
-    @property
-    def counts(self) -> Mapping[str, int]: ...
-
-    @property
-    def gait(self) -> Limits: ...
-
-    @property
-    def search(self) -> Search: ...
-
-    @property
-    def motor(self) -> Motor | None: ...
-
-
-def limits_of(table: GaitTables) -> Limits:
-    """The limits of a scene, including those of the motors."""
-    own, motor = table.gait, table.motor
-    if motor is None:
-        return own
-    return own.within(motor.length_rate, motor.length_acceleration, table.counts["links"])
-
-
-def faults_of_limits(table: GaitTables) -> Iterator[Fault]:
-    """Yield what is wrong between limits, motor and search of a scene."""
-    links, limits = table.counts["links"], table.gait
-    if table.motor is not None and limits.impulses:
-        yield (
-            "gait.impulses",
-            "true, but motor.acceleration_max forbids jumps of velocity; remove the key",
-        )
-    for key, message in limits.faults_for(links, motor=table.motor is not None):
-        yield f"gait.{key}".removesuffix("."), message
-    for key, message in table.search.faults_for(links, limits):
-        yield f"search.{key}", message

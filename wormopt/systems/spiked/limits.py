@@ -12,12 +12,7 @@ from msgspec import Meta, structs
 from wormopt.errors import Fault
 from wormopt.model.given import per, wrong_order
 from wormopt.study.given import Given, entry, number, positive
-from wormopt.study.types import (
-    PairPerLink,
-    PerLink,
-    PerMass,
-    PositiveOrPair,
-)
+from wormopt.study.types import PairPerLink, PerLink, PerMass, PositiveOrPair
 
 MOST_LINKS = 32
 # Periods with a smaller relative difference are equal.

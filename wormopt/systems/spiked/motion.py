@@ -31,29 +31,20 @@ MOTION_SCALARS: dict[str, tuple[str, str]] = {
         "force",
         "largest load on a single spike under the sharing rule, without impulses",
     ),
-    "actuator_force_max": (
-        "force",
-        "largest \\|*μ*<sub>j</sub>\\|; unknown if velocities jump",
-    ),
+    "actuator_force_max": ("force", "largest \\|*μ*<sub>j</sub>\\|; unknown if velocities jump"),
     "energy_per_distance": (
         "energy_per_distance",
         "energy spent by the actuators per distance, without recovery; unknown if velocities jump "
         "or the worm does not advance",
     ),
     **COST_OF_TRANSPORT,
-    "mode_sequence": (
-        "count",
-        "resting masses of each phase in order; an empty list is a glide",
-    ),
+    "mode_sequence": ("count", "resting masses of each phase in order; an empty list is a glide"),
     "glides": (
         "time",
         "start and end of each glide; a glide across the end of the period is split into two "
         "entries",
     ),
-    "impulses": (
-        "impulse",
-        "time and size of each impulse on the spikes, summed over the masses",
-    ),
+    "impulses": ("impulse", "time and size of each impulse on the spikes, summed over the masses"),
     "smallest_load": (
         "force",
         "smallest *Γ* at which kinematics alone determines the motion; unknown if there is none",
@@ -154,8 +145,7 @@ _SPEEDS, _LOADS, _BALANCES = 1e-9, 1e-7, 1e-9
 def motion_scalars(motion: Crawl, units: str) -> dict[str, Any]:
     """Scalars of every gait result; extremes are over all time, not over samples.
 
-    Energies are None, unknown, if a velocity jumps or the worm does not advance. `units` are
-    the scene's.
+    Energies are None if a velocity jumps or the worm does not advance. `units` are the scene's.
     """
     low, high = motion.extremes("reaction_mean")
     # Forces and energy are finite and complete only where no velocity jumps.
@@ -215,9 +205,8 @@ def cross_check(motion: Crawl) -> BimodalMotion:
 def motion_facts(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
     """Residuals of a motion, and the results of the second route (`cross_check`).
 
-    ``force_balance``: largest force behind the tail, which should be 0; ``impulse_balance``:
-    mean lambda - k speed - Gamma;
-    ``energy_balance``: (net work - dissipation) / (force scale × distance).
+    ``force_balance``: largest force behind the tail, near 0; ``impulse_balance``: mean lambda - k
+    speed - Gamma; ``energy_balance``: (net work - dissipation) / (force scale × distance).
     """
     closure, impulse = _balances(motion)
     energy = None

@@ -43,14 +43,12 @@ class Region:
     def _extremes(self, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Masses at rest, and smallest and largest sigma without load, of every stretch."""
         q = self.drive.gait.period / period
-        counts, low, high = [], [], []
-        for resting, parts in self._needs:
+        ends = []
+        for _, parts in self._needs:
             rows = np.array([q**2, q]) @ parts.coefficients
-            ends = Series(parts.a, parts.b, rows[None]).extremes()
-            counts.append(resting)
-            low.append(ends[0].item())
-            high.append(ends[1].item())
-        return np.array(counts), np.array(low), np.array(high)
+            ends.append(Series(parts.a, parts.b, rows[None]).extremes())
+        low, high = np.array(ends)[:, :, 0].T
+        return np.array([resting for resting, _ in self._needs]), low, high
 
     def least_load(self, period: float) -> float:
         """Smallest load without gliding at this period; negative if no load is needed."""
@@ -68,7 +66,7 @@ class Region:
             return 0.0
         if drag == load == 0:
             return math.inf
-        # Drag only helps: full drag at the largest inertia gives the shortest period, no drag the
+        # Drag only helps: full drag at the largest inertia gives the shortest period, none the
         # longest.
         period = self.drive.gait.period
         short = 2 * inertia * period / (drag + math.sqrt(drag**2 + 4 * inertia * load))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, ClassVar
 
 from wormopt.errors import Fault, SolveError
@@ -21,6 +22,7 @@ from wormopt.study import (
     on_use,
     parts,
     scalar,
+    scalars,
     signal,
     stage,
     value,
@@ -55,6 +57,13 @@ with on_use():
 
 _ACCEPTED = 1e-9  # share of the distance (motion) or of the link rates (speeds)
 _ROUNDING = 1e-6  # share of a microstep: a length has up to a million of them
+_KEYS = {  # that are scalars too, for pictures
+    "turn_rate_limit": ("rate", "motor.rate_max"),
+    "acceleration_limit": ("rate_change", "motor.acceleration_max"),
+    "start_rate": ("rate", "motor.start_rate"),
+    "backslip": ("length", "bristles.backslip"),
+    "settle_time": ("time", "bristles.settle_time"),
+}
 _SHOWN = 8  # steps before and after a reversal in the close-up of the picture
 _ASSUMED = {
     "bristles": "a mass slips back by bristles.backslip from its foremost position; then its "
@@ -137,7 +146,7 @@ class StepperCommands(Study, kind="stepper"):
 
     pictures: ClassVar = {
         "steps": "lengths, a close-up of one link at a reversal, motor rates, positions of the "
-        "masses",
+        "masses"
     }
     exports: ClassVar = {
         "steps.csv": "wormopt.systems.spiked.stepper_commands:as_csv",
@@ -258,17 +267,9 @@ class StepperCommands(Study, kind="stepper"):
     def period_limited_by(self) -> str:
         return f"motor.{self.demand.strictest.name}"
 
-    @scalar("rate", "`motor.rate_max`")
-    def turn_rate_limit(self) -> float:
-        return self.motor.rate_max
-
-    @scalar("rate_change", "`motor.acceleration_max`")
-    def acceleration_limit(self) -> float:
-        return self.motor.acceleration_max
-
-    @scalar("rate", "`motor.start_rate`")
-    def start_rate(self) -> float:
-        return self.motor.start_rate
+    @scalars({name: (quantity, f"`{key}`") for name, (quantity, key) in _KEYS.items()})
+    def settings(self) -> Mapping[str, float]:
+        return {name: attrgetter(key)(self) for name, (_, key) in _KEYS.items()}
 
     @scalar("length", "change of length per microstep")
     def travel_per_step(self) -> float:
@@ -313,14 +314,6 @@ class StepperCommands(Study, kind="stepper"):
     @scalar("speed", "`speed_ideal` minus `speed`", headline=True)
     def speed_lost(self) -> float:
         return self.speed_ideal - self.speed
-
-    @scalar("length", "`bristles.backslip`")
-    def backslip(self) -> float:
-        return self.bristles.backslip
-
-    @scalar("time", "`bristles.settle_time`")
-    def settle_time(self) -> float:
-        return self.bristles.settle_time
 
     @scalar("time", "`tick` of the timer", name="tick")
     def timer_tick(self) -> float:
@@ -461,10 +454,8 @@ def closest_reversal(gait: Gait, steps: Steps) -> Reversal:
 # -- files ---------------------------------------------------------------------------------------
 
 
-def steps_of_result(result: Result) -> Steps | None:
-    """Commands in a ``stepper`` result; None if the run did not get that far."""
-    if "step_time" not in result:
-        return None
+def _steps_of(result: Result) -> Steps:
+    """Commands in a ``stepper`` result."""
     return Steps(
         result.scalars["period"].value,
         result.scalars["travel_per_step"].value,
@@ -476,16 +467,12 @@ def steps_of_result(result: Result) -> Steps | None:
 
 
 def as_csv(result: Result) -> str | None:
-    """Text of ``steps.csv``; None without steps, or if the result failed: no motor runs with it."""
-    steps = _trusted(result)
-    return None if steps is None else csv_text(steps)
+    """Text of ``steps.csv``; None if the result is not ok: no motor runs with it."""
+    return csv_text(_steps_of(result)) if result.status == "ok" else None
 
 
 def as_c(result: Result) -> str | None:
-    """Text of ``steps.c``; None without steps, or if the result failed: no motor runs with it."""
-    steps = _trusted(result)
-    return None if steps is None else c_text(steps, result.scalars["tick"].value)
-
-
-def _trusted(result: Result) -> Steps | None:
-    return steps_of_result(result) if result.status == "ok" else None
+    """Text of ``steps.c``; None if the result is not ok: no motor runs with it."""
+    if result.status != "ok":
+        return None
+    return c_text(_steps_of(result), result.scalars["tick"].value)

@@ -11,6 +11,9 @@ from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.limits import Limits, whole_beside
 from wormopt.systems.spiked.stretches import at_breaks
 
+ACCEPTED = 1e-9
+"""Accepted violation of a limit, as a share of it."""
+
 
 def violations(motion: Crawl, limits: Limits) -> dict[str, float]:
     """Compute the violation of every limit, relative to the limit; at most 0 if it holds.

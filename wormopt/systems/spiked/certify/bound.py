@@ -36,7 +36,6 @@ _AT_ONCE_TIME = 0.1
 _OF_STROKES_TIME = 0.25
 # Exponent of a program's time over its size.
 _GROWTH = 1.3
-_LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
 # Precision of the highest provable cost, as a share of the wanted or remaining gap.
 _NEAR = 0.1
 
@@ -47,7 +46,7 @@ class Bounded:
 
     bound: float  # no gait is faster, or cheaper
     certificate: Certificate | None  # None: from rates and resting masses alone
-    source: str  # None: from rates and resting masses alone
+    source: str  # how it was found, in words
     history: tuple[tuple[float, float], ...]  # (seconds, bound) at each improvement
     ending: Ending = "finest program"
     outer: Outer | None = field(default=None, repr=False)  # larger programs continue from here
@@ -59,16 +58,14 @@ def at_once(task: GaitProblem) -> Bounded | None:
         return None
     begun = time.perf_counter()
     found = [(time.perf_counter() - begun, each) for each in _small(task)]
-    history = tuple((seconds, each.bound) for seconds, each in found)
-    return replace(found[-1][1], history=history)
+    reached = dict[float, float]()  # when each bound was known
+    for seconds, each in found:
+        reached.setdefault(each.bound, seconds)
+    return replace(found[-1][1], history=tuple((s, bound) for bound, s in reached.items()))
 
 
 def bounded(
-    task: GaitProblem,
-    value: float,
-    wanted: Certify,
-    report: Report,
-    known: Bounded | None = None,
+    task: GaitProblem, value: float, wanted: Certify, report: Report, known: Bounded | None = None
 ) -> Bounded:
     """Bound every gait of a task, until no gait can be better than `value` by the wanted gap."""
     begun, found, history = time.perf_counter(), None, list(known.history if known else ())
@@ -135,20 +132,17 @@ def _of_speed(task: GaitProblem, known: Bounded | None, until: float) -> Iterato
 
 
 def _by_mean_rates(outer: Outer, best: Bounded) -> Bounded:
-    statement = outer.statement
-    bound = statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
+    bound = outer.statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
     if bound >= best.bound:
         return best
-    found = _certified(statement, bound, outer.proof(outer.mesh), "by the mean rates of links")
-    return replace(found, outer=outer)
+    return _certified(outer, bound, outer.proof(outer.mesh), "by the mean rates of links")
 
 
 def _by_program(outer: Outer, level: Level, until: float, best: Bounded) -> Bounded:
     bound, proof = Program(outer, level).solve(until - time.perf_counter())
     if bound >= best.bound:
         return best
-    source = f"by a linear program, level {tuple(level)}"
-    return replace(_certified(outer.statement, bound, proof, source), outer=outer)
+    return _certified(outer, bound, proof, f"by a linear program, level {tuple(level)}")
 
 
 def _levels(
@@ -173,11 +167,12 @@ def _levels(
         seconds, before = time.perf_counter() - begun, size
 
 
-def _certified(statement: Statement, bound: float, proof: dict[str, Any], source: str) -> Bounded:
+def _certified(outer: Outer, bound: float, proof: dict[str, Any], source: str) -> Bounded:
     """Write a bound and its proof."""
     whole = rounded_up(bound)
-    certificate = Certificate.of(statement.fields, proof, whole)
-    return Bounded(math.nextafter(float(whole), math.inf), certificate, source, ())
+    certificate = Certificate.of(outer.statement.fields, proof, whole)
+    above = math.nextafter(float(whole), math.inf)
+    return Bounded(above, certificate, source, (), outer=outer)
 
 
 def _of_cost(
@@ -203,12 +198,11 @@ def _of_cost(
             if high - best.bound <= _NEAR * max(gap * value, value - best.bound):
                 break
             middle = float(f"{(best.bound + high) / 2:.6g}")
-            statement = Statement.of(_lowered(task, cost, middle))
-            outer = Outer(statement)
+            outer = Outer(Statement.of(_lowered(task, cost, middle)))
             outer.shorten(until - time.perf_counter())
             bound, proof = Program(outer, level).solve(until - time.perf_counter())
             source = f"by a linear program, level {tuple(level)}"
-            proven = _certified(statement, max(bound, _NEAR * required), proof, source)
+            proven = _certified(outer, max(bound, _NEAR * required), proof, source)
             if proven.bound < required:
                 best = replace(proven, bound=middle)
                 yield best
@@ -218,7 +212,7 @@ def _of_cost(
 
 
 def _lowered(task: GaitProblem, cost: str, most: float) -> GaitProblem:
-    key = _LIMIT_OF[cost]
+    key = cost.removeprefix("peak_")  # of the limit
     given = getattr(task.limits, key)
     count = 1 if given is None or not isinstance(given, tuple) else len(given)
     limit = tuple(min(most, g) for g in per(most if given is None else given, count))

@@ -124,8 +124,7 @@ def verify(certificate: Certificate | str | os.PathLike[str]) -> Verification:
     Parameters
     ----------
     certificate : Certificate or path
-        A certificate, its file, or the folder of a result, which holds it as
-        ``certificate.json``.
+        A certificate, its file, or the folder of a result, which holds it as ``certificate.json``.
 
     Returns
     -------

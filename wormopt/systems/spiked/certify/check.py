@@ -66,8 +66,7 @@ def check(
 ) -> int:
     """Check the proof h that no gait of the problem p exceeds the bound; count its inequalities.
 
-    The bound is on the speed, or on the mean rate of a link. `strokes`: proven bounds, None if
-    unknown.
+    The bound is on the speed, or on the mean rate of a link. `strokes`: proven bounds or None.
     """
     known = list(strokes) or [None] * (len(p["masses"]) - 1)
     count = 0

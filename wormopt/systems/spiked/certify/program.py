@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from itertools import combinations, permutations, product
+from itertools import chain, combinations, permutations, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ import numpy as np
 from wormopt.numerics.linear_program import interior_point
 from wormopt.systems.shared.sequences import Resting
 from wormopt.systems.spiked.certify.statement import Statement, rounded_up, up, wider
+from wormopt.systems.spiked.programs.scaled_limits import of_actuators
 
 
 class Level(NamedTuple):
@@ -153,10 +154,7 @@ class Outer:
                     proofs.append({"link": j, "bound": most, "proof": proof})
             if mirrored:
                 found = [max(pair) for pair in zip(found, found[::-1], strict=True)]
-            shorter = any(
-                new < _SHORTER * old for new, old in zip(found, self.strokes, strict=True)
-            )
-            if not shorter:
+            if all(new >= _SHORTER * old for new, old in zip(found, self.strokes, strict=True)):
                 return
             self.strokes = tuple(found)
             self._earlier = [*self._earlier, *proofs]
@@ -186,7 +184,7 @@ class Outer:
         below = count * (low - float(s.sigma_margin) / self._force)
         rows.append((np.ones((1, count)), np.array([above]), np.array([below])))
         if s.actuator_force is not None and (len(rest) == 1 or s.sharing == "equal"):
-            weights, per_load = _of_actuators(rest, count)
+            weights, per_load = of_actuators(rest, count)
             most = _floats(s.actuator_force) / self._force
             own = weights @ _floats(s.beyond) / self._force
             ends = np.sort(np.outer(per_load, [low, high]), axis=1) + own[:, None]
@@ -246,14 +244,6 @@ def _common(values: list[Fraction]) -> Fraction:
     """Largest fraction whose whole multiples they all are."""
     below = math.lcm(*(x.denominator for x in values))
     return Fraction(math.gcd(*(int(x * below) for x in values)), below)
-
-
-def _of_actuators(resting: Resting, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """For each actuator: weights of the masses' forces, and its force at rest per load."""
-    rest = len(resting)
-    held = np.array([sum(i < j for i in resting) for j in range(1, count)])
-    ahead = np.arange(count) < np.arange(1, count)[:, None]
-    return held[:, None] / rest - ahead, (held * count - rest * np.arange(1, count)) / rest
 
 
 def _vertices(
@@ -335,11 +325,7 @@ class Program:
 
         The bound is exact up to the rounding of sums.
         """
-        parts = [
-            (*block, cost)
-            for face, place in zip(self._faces, self._places, strict=True)
-            for *block, cost in self._rows(face, place)
-        ]
+        parts = [*chain.from_iterable(map(self._rows, self._faces, self._places))]
         count = int(self._column.max()) + 1
         rows = np.cumsum([0, *(len(cost) for *_, cost in parts)])
         row = np.concatenate([r + start for (r, *_), start in zip(parts, rows, strict=False)])
@@ -379,14 +365,9 @@ class Program:
         signs = face.signs[at][:, None]
         slowing = np.where(signs > 0, o.slowing[1], o.slowing[0])
         gain = (1.0 + signs * corners.links / slowing) / (o.width / self.level.cells)
-        moved = np.concatenate(
-            [
-                face.velocities[:, :, face.moving],
-                np.ones((*place.shape[:1], face.simplices.shape[1], 1)),
-            ],
-            axis=2,
-        ).transpose(0, 2, 1)
-        pushed = np.insert(corners.masses, len(face.moving), 0.0, axis=2).transpose(0, 2, 1)
+        velocities, last = face.velocities[:, :, face.moving], len(face.moving)
+        moved = np.insert(velocities, last, 1.0, axis=2).transpose(0, 2, 1)
+        pushed = np.insert(corners.masses, last, 0.0, axis=2).transpose(0, 2, 1)
         turn = np.linalg.solve(moved[at], pushed).transpose(0, 2, 1)
         size = turn.shape[2]
         slope, times = _derivative(degree, size), _product(degree, size)
@@ -439,12 +420,10 @@ def _product(degree: int, count: int) -> np.ndarray:
     """Coefficients (g, a, q) of degree + 1 of W (a) times a linear function (q)."""
     low = {tuple(e): k for k, e in enumerate(_exponents(degree, count).tolist())}
     high = _exponents(degree + 1, count)
-    found = np.zeros((len(high), len(low), count))
+    found, one = np.zeros((len(high), len(low), count)), np.eye(count, dtype=int)
     for g, e in enumerate(high):
         for q in np.flatnonzero(e):
-            found[g, low[tuple((e - np.eye(count, dtype=int)[q]).tolist())], q] = e[q] / (
-                degree + 1
-            )
+            found[g, low[tuple((e - one[q]).tolist())], q] = e[q] / (degree + 1)
     return found
 
 
@@ -452,10 +431,10 @@ def _derivative(degree: int, count: int) -> np.ndarray:
     """Coefficients (g, a, q) of degree + 1 of dW/dλ_q from W (a) of its degree, elevated twice."""
     low = {tuple(e): k for k, e in enumerate(_exponents(degree, count).tolist())}
     below = _exponents(degree - 1, count)
-    found = np.zeros((len(below), len(low), count))
+    found, one = np.zeros((len(below), len(low), count)), np.eye(count, dtype=int)
     for b, e in enumerate(below):
         for q in range(count):
-            found[b, low[tuple((e + np.eye(count, dtype=int)[q]).tolist())], q] = degree
+            found[b, low[tuple((e + one[q]).tolist())], q] = degree
     twice = _product(degree, count).sum(axis=2) @ _product(degree - 1, count).sum(axis=2)
     return np.einsum("gb,baq->gaq", twice, found)
 
@@ -475,8 +454,7 @@ def size_of(outer: Outer, level: Level) -> float:
 # within limits. The planes V[i] = 0 and V[j-1] = V[j] cut this set into polytopes. Their corners
 # are whole numbers if the rates are, because the matrix is that of a network. Each polytope is
 # divided into the simplices below the lower hull of Σ (V[i] - V[k])², and these are divided
-# edgewise. Both divisions agree on common faces. With equal rates the simplices are the alcoves of
-# A_n.
+# edgewise. Both divisions agree on common faces. With equal rates they are the alcoves of A_n.
 
 
 @dataclass(frozen=True, eq=False)

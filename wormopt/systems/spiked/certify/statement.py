@@ -124,8 +124,7 @@ class Statement:
     ) -> float:
         """Bound on the speed: half the sum of the links' largest mean rates.
 
-        It holds because V_0 + V_n <= Σ |V_j-1 - V_j|, and no link covers its stroke twice in less
-        time.
+        It holds: V_0 + V_n <= Σ |V_j-1 - V_j|, and no link covers its stroke twice in less time.
         """
         total = 0.0
         for j, stroke in enumerate(strokes):
@@ -152,17 +151,9 @@ class Statement:
 def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
     """Convert numbers to decimal fractions of eleven digits.
 
-    Numbers that are derived from them in floating point are rounded up by less, so 5 + 1e-15 must
-    become 5.
+    Numbers derived from them in floating point are rounded up by less, so 5 + 1e-15 must become 5.
     """
     return tuple(Fraction(f"{float(x):.11g}") for x in values)
-
-
-def in_json(value: Any) -> Any:
-    """Write fractions as strings, through all lists."""
-    if isinstance(value, list | tuple):
-        return [in_json(each) for each in value]
-    return str(value) if isinstance(value, Fraction) else value
 
 
 def _unit(size: float | Fraction) -> Fraction:

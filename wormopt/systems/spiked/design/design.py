@@ -40,8 +40,8 @@ from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Search
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.search.orders import is_mirror_symmetric
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
-from wormopt.systems.spiked.search.trial import BENT, Trial, Trier
-from wormopt.systems.spiked.verify import in_steps, speed_of, violations
+from wormopt.systems.spiked.search.trial import BENT, UP, Trial, Trier
+from wormopt.systems.spiked.verify import ACCEPTED, in_steps, speed_of, violations
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,12 +56,10 @@ _CLOSE, _TIE = 2e-3, 1e-8
 _GAINS = 8.0
 # Tolerance of a climb between two halvings, as a share of the gain of the last halving.
 _OF_GAIN = 0.01
-# Accepted relative excess over a limit; number of further trials if the best ones exceed it.
-_ACCEPTED, _MOST_UNSOUND = 1e-9, 4
+# Number of further trials if the best ones exceed a limit.
+_MOST_UNSOUND = 4
 # Largest share of the value that exact limits may cost.
 _MOST_LOST = 1e-2
-# A period within this share of a bound is at the bound.
-_UP = 1 + 1e-9
 # Distances from all limits, tried in turn if the exact solution violates one.
 _MARGINS = (4e-9, 4e-8, 4e-7, 4e-6)
 # Velocity of masses that need not rest, relative to those that do, in units of the program; without
@@ -382,7 +380,7 @@ def _recounted(trier: Trier, trial: Trial, error: float) -> tuple[Trial, float]:
     shortest, longest = trier.shortest / trial.cycles, trier.longest / trial.cycles
     period = float(trial.durations.sum())
     ticks = trier.task.limits.tick is not None  # only this number of cycles has whole ticks
-    if ticks or trial.cycles < 2 or shortest * _UP < period < longest / _UP:
+    if ticks or trial.cycles < 2 or shortest * UP < period < longest / UP:
         return trial, error
     free, before = trier.freed(trial), trial
     for other in trier.fits(free) if free else []:
@@ -458,7 +456,7 @@ def _as_it_is(task: GaitProblem, trial: Trial) -> tuple[bool, float]:
     In the program only prescribed masses rest, and limits on forces are multiplied by durations, so
     they are weak on short arcs. A further mass at rest takes load, and may raise a peak.
     """
-    meets = max(_violations(task, trial.gait).values()) < _ACCEPTED
+    meets = max(_violations(task, trial.gait).values()) < ACCEPTED
     cost = task.objective.minimise
     if cost is None or task.objective.is_smooth:
         return meets, trial.value
@@ -560,8 +558,7 @@ def canonical_gait(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Tr
     Returns the trial in its canonical order of rest, as a vertex of its own program, and the chosen
     gait, whose value is lower by at most a share of 1e-11 and which meets limits as exactly. Both
     are the trial itself where the optimum is unique: for smooth objectives, with drag, or where the
-    velocities of all masses are those of one. `turn`: whether the cycle may begin elsewhere or be
-    mirrored.
+    velocities of all masses are those of one. `turn`: it may begin elsewhere or be mirrored.
     """
     task = trier.task
     if task.objective.is_smooth or task.worm.drag or isinstance(trial.program, WaveProgram):
@@ -600,8 +597,9 @@ def _images(trial: Trial) -> Iterator[Trial]:
                 one[::-1] if mirrors and one is not None else one
                 for one in (program.patterns[i] for i in order)
             )
-            same = (program.degree, patterns, program.limits)
-            image = GaitProgram(task, first, program.period, np.roll(program.arcs, -k), *same)
+            image = program.changed(
+                sequence=first, arcs=np.roll(program.arcs, -k), patterns=patterns
+            )
             point = _mirrored(trial, image, order) if mirrors else _turned(trial, image, order)
             if point is not None:
                 yield replace(trial, program=image, point=point)
@@ -648,9 +646,7 @@ class _LongestLinks:
     value: float  # smallest objective, scaled
 
     def __post_init__(self) -> None:
-        like = self.program
-        given = (like.task, like.sequence, like.period, like.arcs, like.degree, like.patterns)
-        own = type(like)(*given, like.limits)
+        own = self.program.changed()
         rows, self.own, self._count = own.rows, own, len(own.rows.upper)
         degree, links = own.degree, own.limits.links
         strokes = np.broadcast_to(own.limits.strokes, own.length.shape)

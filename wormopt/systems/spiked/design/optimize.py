@@ -21,10 +21,9 @@ from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
 from wormopt.systems.spiked.search.search import Known, Survey, search
 from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.verify import ACCEPTED
 
 _SEARCH = Search()
-# Accepted relative violation of a limit.
-_ACCEPTED = 1e-9
 # Periods with a smaller relative difference are equal.
 _SAME = 1e-12
 # Settings of the climbs by which gaits of whole ticks are compared.
@@ -98,7 +97,7 @@ def design(
         )
     found = designed(task, search, report)
     name, excess = max(found.violations.items(), key=lambda item: item[1])
-    if excess > _ACCEPTED:
+    if excess > ACCEPTED:
         raise SolveError(
             f"the best gait found exceeds {name} by {excess:.2g} of its value",
             "relax limits of very different magnitudes, or try another search.seed",
@@ -119,7 +118,8 @@ def designed(
     `known` is from the search of a similar task; `better` is called with every improved trial.
     """
     if task.limits.tick is not None:
-        free = designed(without_tick(task), settings, report, known, better)
+        without_tick = structs.replace(task, limits=task.limits.without_ticks())
+        free = designed(without_tick, settings, report, known, better)
         return ticked(task, settings, free, report)
     bound = ceiling_of(task)
     required = task.objective.speed
@@ -181,15 +181,10 @@ def _left(settings: Search, survey: Survey) -> Search:
     return structs.replace(settings, time_limit=max(left, 0.0))
 
 
-def without_tick(task: GaitProblem) -> GaitProblem:
-    """The task without the tick."""
-    return structs.replace(task, limits=task.limits.without_ticks())
-
-
 def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) -> Design:
     """Solve a design again with cycles of whole ticks next to its own, and return the best.
 
-    `free` is the design of the task `without_tick`; its resting sequence is kept.
+    `free` is the design of the task without the tick; its resting sequence is kept.
     """
     begin, limits = perf_counter(), task.limits
     periods = [limits.whole_ticks(count) for count in limits.ticks_of(free.period)]
@@ -234,15 +229,6 @@ def _held(task: GaitProblem, start: Trial, period: float) -> Iterator[Trial]:
         yield replace(held, cycles=task.limits.cycles_of(period))
 
 
-def _nothing_slows(task: GaitProblem) -> SolveError:
-    """Error for a single moving mass: spikes cannot brake it, so it never stops."""
-    return SolveError(
-        "no gait advances: all masses but one rest at any time, and without worm.load nothing "
-        "stops that mass, because spikes push forward only and drag decreases with the velocity",
-        f"write worm.load above 0, or {task.limits.name}.resting below {task.limits.resting}",
-    )
-
-
 def _nothing(task: GaitProblem, settings: Search, survey: Survey, report: Report) -> BaseException:
     if survey.ended == "interrupted":
         return KeyboardInterrupt()
@@ -251,7 +237,12 @@ def _nothing(task: GaitProblem, settings: Search, survey: Survey, report: Report
             "no gait was found before search.time_limit", "increase search.time_limit"
         )
     if task.limits.resting == task.worm.links and task.worm.load_range[0] <= 0.0:
-        return _nothing_slows(task)
+        return SolveError(
+            "no gait advances: all masses but one rest at any time, and without worm.load "
+            "nothing stops that mass, because spikes push forward only and drag decreases with "
+            "the velocity",
+            f"write worm.load above 0, or {task.limits.name}.resting below {task.limits.resting}",
+        )
     orders = [ascending(settings.sequence)] if settings.sequence else first_orders(task)
     seconds = (settings.time_limit or np.inf) - sum(survey.seconds.values())
     return _conflict(task, orders, report, seconds)

@@ -19,6 +19,7 @@ import numpy as np
 from msgspec import structs
 
 from wormopt.errors import ArgumentError
+from wormopt.model.given import per
 from wormopt.numerics.bilinear import Climb
 from wormopt.shown import Part, html, lines
 from wormopt.systems.spiked.design.design import Design
@@ -124,8 +125,7 @@ def sensitivities(design: Design) -> Sensitivities:
     Parameters
     ----------
     design : Design
-        A design for speed or a peak load. If its cycles are whole ticks, its `free` design is
-        used.
+        A design for speed or a peak load. If its cycles are whole ticks, its `free` design is used.
 
     Returns
     -------
@@ -225,9 +225,10 @@ def _gain_again(trial: Trial, limit: Limit, step: float) -> float:
 
 
 def _moved(trial: Trial, task: GaitProblem) -> GaitProgram:
+    """The program of a task with a moved limit: with the same unknowns, rows and units."""
     shortest, longest = task.limits.period_range
-    cycles = max(1, trial.cycles)
-    return trial.program.moved(task, (shortest / cycles, longest / cycles))
+    cycles, same = max(1, trial.cycles), trial.program
+    return same.changed(task=task, period=(shortest / cycles, longest / cycles), like=same.limits)
 
 
 def limits_of(task: GaitProblem) -> Iterator[Limit]:
@@ -243,52 +244,40 @@ def limits_of(task: GaitProblem) -> Iterator[Limit]:
         if key == "load" and isinstance(value, tuple) and len(value) > 2:
             ends = ()
         elif key in ("period", "load"):
-            value = _single(value)
-        for suffix, number, rebuilt in _numbers(value, ends):
-            moved = partial(_replaced, task, part, key, rebuilt)
+            low, high = per(value, 2)
+            value = low if low == high else value  # a range without width is one number
+        for suffix, places, number in _numbers(value, ends):
+            moved = partial(_replaced, task, (part, key, *places))
             yield Limit(task.key_of(f"{part}.{key}{suffix}"), number, quantity, moved)
 
 
-def _replaced(
-    task: GaitProblem, part: str, key: str, rebuilt: Callable[[float], Any], number: float
-) -> GaitProblem:
-    moved = structs.replace(getattr(task, part), **{key: rebuilt(number)})
-    return structs.replace(task, **{part: moved})
-
-
-def _single(value: Any) -> Any:
-    """A range without width as one number."""
-    return value[0] if isinstance(value, tuple) and value[0] == value[-1] else value
-
-
-_Number = tuple[str, float, Callable[[float], Any]]
-
-
-def _numbers(value: Any, ends: Sequence[str]) -> Iterator[_Number]:
-    """Numbers in a number, (nested) tuple or Rates: suffix of the name, value, and its change.
+def _numbers(value: Any, ends: Sequence[str]) -> Iterator[tuple[str, tuple, float]]:
+    """Numbers in a number, (nested) tuple or Rates: suffix of the name, places, and value.
 
     A pair of numbers is a range if its ends have names.
     """
     if isinstance(value, Rates):
-        for way in ("contraction", "extension"):
-            for suffix, number, rebuilt in _numbers(getattr(value, way), ()):
-                yield f".{way}{suffix}", number, partial(_in_field, value, way, rebuilt)
+        items = [(f".{way}", way, getattr(value, way)) for way in ("contraction", "extension")]
     elif isinstance(value, tuple):
         is_range = ends and not any(isinstance(item, tuple) for item in value)
-        for k, item in enumerate(value):
-            place = f".{ends[k]}" if is_range else f"[{k}]"
-            for suffix, number, rebuilt in _numbers(item, ends):
-                yield place + suffix, number, partial(_in_tuple, value, k, rebuilt)
+        names = [f".{ends[k]}" if is_range else f"[{k}]" for k in range(len(value))]
+        items = [(name, k, item) for k, (name, item) in enumerate(zip(names, value, strict=True))]
     else:
-        yield "", value, float
+        yield "", (), value
+        return
+    for name, place, item in items:
+        for suffix, places, number in _numbers(item, ends):
+            yield name + suffix, (place, *places), number
 
 
-def _in_field(value: Any, name: str, rebuilt: Callable[[float], Any], number: float) -> Any:
-    return structs.replace(value, **{name: rebuilt(number)})
-
-
-def _in_tuple(value: Any, k: int, rebuilt: Callable[[float], Any], number: float) -> Any:
-    return (*value[:k], rebuilt(number), *value[k + 1 :])
+def _replaced(value: Any, places: Sequence[Any], number: float) -> Any:
+    """The value with another number at nested fields and indices."""
+    if not places:
+        return float(number)
+    at, *rest = places
+    if isinstance(value, tuple):
+        return (*value[:at], _replaced(value[at], rest, number), *value[at + 1 :])
+    return structs.replace(value, **{at: _replaced(getattr(value, at), rest, number)})
 
 
 # Part and field of a task, its quantity, and names of its ends if it is a range.

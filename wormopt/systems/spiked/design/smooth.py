@@ -28,6 +28,7 @@ from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search
 from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, is_energy
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.verify import ACCEPTED
 
 # Refinement ends when halving every arc changes the cost by less than this share.
 _RESOLVED = 1e-6
@@ -36,16 +37,14 @@ _SHORT = 1e-6
 # Scaled constraints: a solution below the first violation is as feasible as its start, below the
 # second it is accepted.
 _FEASIBLE, _ACCEPTED = 1e-10, 1e-8
-_ARCS = 6
 _POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
 # Largest number of arcs.
 _MOST_UNKNOWNS, _MOST_HALVINGS = 1000, 5
 # Number of best trials of the energy that are refined; share of the cost within which costs are
 # minimised from other trials too: on arcs as coarse as theirs values differ by as much.
 _POLISHED, _NEAR = 2, 0.01
-# Refinement of the energy ends below this gain, as a share of the whole; accepted violation of
-# limits.
-_GAINED, _KEPT = 3e-7, 1e-9
+# Refinement of the energy ends below this gain, as a share.
+_GAINED = 3e-7
 
 
 def smoothest(
@@ -81,7 +80,7 @@ def smoothest(
 
 def _cost(found: Design) -> float:
     """Smooth cost of a gait; infinite if it violates limits by more than solvers do."""
-    if max(found.violations.values()) > _KEPT:
+    if max(found.violations.values()) > ACCEPTED:
         return np.inf
     return objective_of(found.motion, found.task.objective.minimise)
 
@@ -191,17 +190,6 @@ class Solved:
         return self.program.unpack(self.solution.w)
 
 
-def mesh_of(sequence: Sequence_, arcs: int) -> Mesh:
-    """Mesh with a sequence's phases, `arcs` in each, on which rates are linear along an arc."""
-    return Mesh(len(sequence), arcs, Collocation(2), 0)
-
-
-def resting_state(task: GaitProblem) -> np.ndarray:
-    """State of `spiked_worm` at rest, links in the middle of their ranges, shape (2n + 2,)."""
-    lengths = np.mean(task.limits.length_ranges(task.worm.links), axis=1)
-    return np.concatenate([[0.0], lengths, [0.0], 0.0 * lengths])
-
-
 @lru_cache(maxsize=16)
 def _program(task: GaitProblem, mesh: Mesh) -> Transcription:
     return Transcription(gait_problem(task.worm, task.limits, task.objective), mesh)
@@ -215,7 +203,8 @@ def _bounds(program: Transcription, sequence: Sequence_) -> Bounds:
 def solve_cost(task: GaitProblem, trial: Trial) -> Solved | None:
     """Solve for a smooth cost, started from a trial that is fast enough; None: no motion found."""
     cycle = structs.replace(task, limits=task.limits.without_ticks(trial.program.period))
-    mesh = replace(mesh_of(trial.sequence, _ARCS), arcs=tuple(trial.program.arcs.tolist()))
+    # rates are linear along an arc
+    mesh = Mesh(len(trial.sequence), tuple(trial.program.arcs.tolist()), Collocation(2), 0)
     program = _program(cycle, mesh)
     bounds = _bounds(program, trial.sequence)
     if has_cost_columns(task):
@@ -242,7 +231,9 @@ def _polished(program: Transcription, w: np.ndarray, bounds: Bounds) -> Solution
 def _fast(task: GaitProblem, trial: Trial, mesh: Mesh) -> Arcs | None:
     """The fastest motion with the durations of a trial, whose velocities may jump."""
     program = _program(task, mesh)
-    rest = program.rest(trial.program.widths(trial.point), resting_state(task))
+    lengths = np.mean(task.limits.length_ranges(task.worm.links), axis=1)
+    still = np.concatenate([[0.0], lengths, [0.0], 0.0 * lengths])  # of `spiked_worm`
+    rest = program.rest(trial.program.widths(trial.point), still)
     own = _bounds(program, trial.sequence)
     step = program.nlp.linear_step(rest, own, program.hold_durations())
     return None if step is None else program.unpack(step[0])
@@ -295,17 +286,14 @@ def _loads(
     """Loads of the spikes and power of the actuators, each (mass or link, place, arc)."""
     of, worm = trial.program, trial.program.task.worm
     mass, load = np.array(worm.masses), worm.load_range[1] + np.array(worm.beyond)
-    forces = np.zeros((worm.links + 1, len(tau), len(v)))
-    spent = np.zeros((worm.links, len(tau), len(v)))
-    sets = [resting for resting, n in zip(of.sequence, of.arcs, strict=True) for _ in range(n)]
-    for k, resting in enumerate(sets):
-        for m, s in enumerate(tau):
-            velocity = v[k, 0] + (v[k, 1] - v[k, 0]) * s
-            needed = mass * slopes[k] + worm.drag * velocity + load
-            forces[list(resting), m, k] = needed.sum() / len(resting)
-            pull = np.cumsum(forces[:, m, k] - needed)[:-1]
-            spent[:, m, k] = np.maximum(pull * np.diff(velocity), 0.0)
-    return forces, spent
+    rests = np.array([[i in resting for i in range(len(mass))] for resting in of.sequence])
+    rests = np.repeat(rests, of.arcs, axis=0)[:, None]  # as below: (arc, place, mass)
+    velocity = v[:, :1] + (v[:, 1:] - v[:, :1]) * tau[:, None]
+    needed = mass * slopes[:, None] + worm.drag * velocity + load
+    whole = needed.sum(axis=2, keepdims=True)
+    forces = rests * (whole / rests.sum(axis=2, keepdims=True))
+    pull = np.cumsum(forces - needed, axis=2)[:, :, :-1]
+    return forces.T, np.maximum(pull * np.diff(velocity, axis=2), 0.0).T
 
 
 def refined(found: list[Solved]) -> tuple[Solved, float]:
@@ -359,11 +347,9 @@ def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
         bernstein_matrix(nodes)
     )
     pieces = np.zeros((len(kept), links, m + 3))
-    k = np.arange(m + 1)
-    for row, arc in enumerate(kept):
-        h = arcs.duration[arc]
-        pieces[row, :, 0] = arcs.start[1 : links + 1, arc]
-        pieces[row, :, 1] = arcs.start[links + 2 :, arc]
-        power = arcs.inputs[:, :, arc] @ to_powers.T / h**k
-        pieces[row, :, 2:] = power / ((k + 1) * (k + 2))
+    k, h = np.arange(m + 1), arcs.duration[kept, None, None]
+    pieces[:, :, 0] = arcs.start[1 : links + 1, kept].T
+    pieces[:, :, 1] = arcs.start[links + 2 :, kept].T
+    power = arcs.inputs[:, :, kept].transpose(2, 0, 1) @ to_powers.T / h**k
+    pieces[:, :, 2:] = power / ((k + 1) * (k + 2))
     return Gait(np.concatenate([[0.0], np.cumsum(arcs.duration[kept])]), pieces)

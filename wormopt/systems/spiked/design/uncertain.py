@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,7 +23,7 @@ from scipy.special import fdtri
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.progress import Report, silent
-from wormopt.systems.spiked.crawl import Crawl, crawl
+from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
@@ -202,13 +202,13 @@ def needed_widths(motion: Crawl, believed: Believed, reach: float, limits: Limit
 
     Only instants count at which these exceed a limit.
     """
-    needed = [0.0, 0.0]
+    needed, masses = [0.0, 0.0], len(believed.mass)
     for stretch in motion.stretches:
         for burden, low, high in _limits_of(stretch, believed, limits):
             slopes = _slopes(motion.drive, stretch, burden)
             force = np.tensordot(believed.numbers[: len(slopes)], slopes, 1)
             off = _BETWEEN * reach * _errors(slopes, believed)
-            by_load = slopes[_loads(motion.drive)].sum(axis=0)
+            by_load = slopes[masses + 1 : 2 * masses + 1].sum(axis=0)
             for sign, limit in ((-1, -low), (1, high)):
                 over = (sign * force + off > limit) & (off > 0)
                 if np.any(over & (np.abs(by_load) < 1e-9)):
@@ -250,12 +250,6 @@ def _errors(slopes: np.ndarray, believed: Believed) -> np.ndarray:
 def _instants(stretch: Stretch) -> np.ndarray:
     turn = np.cos(np.pi * np.arange(_INSTANTS) / (_INSTANTS - 1))
     return (stretch.start + stretch.stop - (stretch.stop - stretch.start) * turn) / 2
-
-
-def _loads(drive: Drive) -> slice:
-    """Rows of the loads among `Believed.numbers`."""
-    masses = len(drive.mass)
-    return slice(masses + 1, 2 * masses + 1)
 
 
 def _slopes(drive: Drive, stretch: Stretch, burden: Burden) -> np.ndarray:
@@ -301,10 +295,7 @@ def _check(believed: Believed, limits: Limits, confidence: float) -> None:
 
 def on_plant(design: Design, plant: Worm) -> Crawl:
     """Motion of a worm with other parameters under a design's gait."""
-    limits = design.task.limits
-    load = plant.load_range[1]
-    loads = plant.loads(load)
-    return crawl(design.gait, plant.masses, plant.drag, loads, limits.sharing, limits.spike_load)
+    return replace(design, task=structs.replace(design.task, worm=plant)).motion
 
 
 def load_band(design: Design, believed: Believed, reach: float) -> tuple[np.ndarray, ...]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 from msgspec import structs
@@ -73,8 +74,7 @@ def least_patterns(
 ) -> list[Pattern]:
     """Patterns of the least split for the forces `needed` (arcs, n + 1) on the masses.
 
-    With `olds`, masses for which two patterns hold get the other one. `full`: largest load of each
-    spike.
+    With `olds`, masses for which two patterns hold get the other one. `full`: the spikes' limits.
     """
     bare, total, held = -np.cumsum(needed, axis=1).T, needed.sum(axis=1), list(resting)
     loads = share_load(total, bare, resting, "least_actuation", full)
@@ -123,6 +123,9 @@ _MOST_COST = 1e6
 _TANGENTS = (0.03, 0.07, 0.13, 0.22, 0.35, 0.5, 0.75, 1.0)
 
 
+_ARGUMENTS = ("task", "sequence", "period", "arcs", "degree", "patterns", "like")
+
+
 class GaitRows:
     """Unknowns and limits of a cycle; the parameters are those of `GaitProgram`."""
 
@@ -137,7 +140,7 @@ class GaitRows:
         like: ScaledLimits | None = None,
     ) -> None:
         self.task, self.sequence, self.period, self.degree = task, sequence, period, degree
-        self.patterns, self._like = patterns, like
+        self.patterns, self.like = patterns, like
         self.limits = scaled(structs.replace(task, limits=task.limits.without_ticks(period)))
         if like is not None:
             self.limits = replace(self.limits, like=like)
@@ -165,14 +168,17 @@ class GaitRows:
 
     def __reduce__(self) -> tuple:
         """Pickle the arguments only: less is sent, and nothing of the solver."""
-        given = (self.task, self.sequence, self.period, self.arcs, self.degree)
-        return type(self), (*given, self.patterns, self._like)
+        return type(self), tuple(getattr(self, name) for name in _ARGUMENTS)
+
+    def changed(self, **others: Any) -> Self:
+        """The program with other arguments."""
+        return type(self)(**{name: getattr(self, name) for name in _ARGUMENTS} | others)
 
     def forget(self) -> None:
         """Release the solver: the next solution then starts alike in every process."""
         vars(self).pop("bilinear", None)
 
-    @property
+    @cached_property
     def _phases(self) -> int:
         """Phases whose rows of links are stated; the rows of all others follow from them."""
         return len(self.sequence)
@@ -352,18 +358,11 @@ class GaitRows:
     def _add_ends(self) -> None:
         """Add the period, advance of the head, required speed and jumps of velocities."""
         every = [(int(h), 1.0) for h in self.h]
-        shortest, longest = self.limits.shortest_period, self.limits.longest_period
-        self._period = int(self.rows.add(every, [], shortest, longest)[0])
-        share = 1.0 / (self.degree + 1)
-        ways = [
-            (int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row
-        ]
-        none = [(0, 0.0)]
-        self._advance = int(self.rows.add(none, ways, -np.inf, np.inf)[0])
+        self.period_row = int(self.rows.add(every, [], *self.limits.periods)[0])
+        self._advance = int(self.rows.add([(0, 0.0)], self._ways, -np.inf, np.inf)[0])
         required = self.task.objective.speed
         if required is not None:
-            kept = [(h, -required / self.limits.speed) for h, _ in every]
-            self.rows.add(kept, ways, 0.0, np.inf)
+            self._hold_speed(required / self.limits.speed)
         if not self._continuous:
             jump = [
                 (column, sign * mass)
@@ -373,31 +372,33 @@ class GaitRows:
             self.rows.add(jump, [], 0.0, np.inf)
 
     @property
-    def period_row(self) -> int:
-        """Index of the row of the period."""
-        return self._period
+    def _ways(self) -> list[Product]:
+        """Products whose sum is the advance of the head."""
+        share = 1.0 / (self.degree + 1)
+        return [
+            (int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row
+        ]
+
+    def _hold_speed(self, value: float) -> None:
+        self.rows.add([(int(h), -value) for h in self.h], self._ways, 0.0, np.inf)
 
     def hold(self, value: float) -> None:
         """Keep the objective (a speed, or a peak with its sign changed) at or above a value."""
-        if self._peak is not None:
+        if self._peak is None:
+            self._hold_speed(value)
+        else:
             self.rows.upper[self._peak] = -value
-            return
-        share = 1.0 / (self.degree + 1)
-        ways = [
-            (int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row
-        ]
-        self.rows.add([(int(h), -value) for h in self.h], ways, 0.0, np.inf)
 
     @cached_property
     def bilinear(self) -> BilinearProgram:
         """The program."""
         if self._costs is not None:
             gain = self._costs.add_gain()
-            per = self._advance if self._costs.energy else self._period
+            per = self._advance if self._costs.energy else self.period_row
             excess = self._costs.excess()
             return BilinearProgram(self.rows, np.unique(self.h), gain, per, excess)
         if self._peak is None:
-            return BilinearProgram(self.rows, np.unique(self.h), self._advance, self._period)
+            return BilinearProgram(self.rows, np.unique(self.h), self._advance, self.period_row)
         low = int(self.rows.add([(self._peak, -1.0)], [], -np.inf, np.inf)[0])
         return BilinearProgram(self.rows, np.unique(self.h), low)
 

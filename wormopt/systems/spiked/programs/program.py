@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from math import comb
 from typing import Any
 
@@ -26,7 +27,6 @@ from wormopt.systems.shared.sequences import (
     lasting_phases,
     wave_direction,
 )
-from wormopt.systems.spiked.gait_problem import GaitProblem
 from wormopt.systems.spiked.programs.gait_rows import (
     GaitRows,
     Pattern,
@@ -44,9 +44,8 @@ _TIE = 1e-7
 class GaitProgram(GaitRows):
     """Bilinear program of one cyclic order of rest; `period` (min, max) overrides the limits.
 
-    `patterns`: unloaded and full spikes by arc (`split.py`), by default any; `like`: limits that
-    define the units. Where velocities may jump, smooth costs are omitted and the speed is
-    maximised.
+    `patterns`: unloaded and full spikes by arc (`Pattern`), by default any; `like`: limits that
+    define the units. Where velocities may jump, smooth costs give way to the speed.
     """
 
     # -- points ----------------------------------------------------------------------------------
@@ -64,14 +63,6 @@ class GaitProgram(GaitRows):
         sums = np.add.reduceat(shares, self._edges[:-1])
         return self.start_arcs(shares * np.repeat(np.asarray(durations) / sums, self.arcs))
 
-    def moved(self, task: GaitProblem, period: tuple[float, float]) -> GaitProgram:
-        """The program of another task of the same form, with the same unknowns, rows and units.
-
-        `period` is the shortest and longest duration of its cycle.
-        """
-        same = (self.arcs, self.degree, self.patterns, self.limits)
-        return type(self)(task, self.sequence, period, *same)
-
     def start_arcs(self, widths: np.ndarray) -> Point | None:
         """Best motion with given durations of the arcs, in the task's units; None if infeasible."""
         x = np.zeros(len(self.bilinear.upper))
@@ -87,13 +78,9 @@ class GaitProgram(GaitRows):
         `degree` of the velocities is kept by default.
         """
         sequence, lasts = self._lasting(point)
-        begins = self._joined(point) & np.repeat(lasts, self.arcs)
-        first = np.flatnonzero(begins)
-        patterns = self.patterns and tuple(self.patterns[k] for k in np.repeat(first, parts))
-        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])[lasts]
-        widths = np.add.reduceat(point.x[self.h], first) * (self.limits.time / parts)
-        degree = degree or self.degree
-        finer = type(self)(self.task, sequence, self.period, arcs, degree, patterns)
+        parted, widths = self._parted(point, parts, lasts)
+        finer = self.changed(sequence=sequence, degree=degree or self.degree, **parted)
+        widths = widths * (self.limits.time / parts)
         if self._costs is not None:
             return finer, finer.moving(*self._cut(point, widths / self.limits.time, parts))
         return finer, finer.start_arcs(np.repeat(widths, parts))
@@ -103,13 +90,18 @@ class GaitProgram(GaitRows):
 
         Also returns the durations (arcs,) of the same motion, in scaled units.
         """
-        begins = self._joined(point)
+        parted, widths = self._parted(point, parts, np.ones(len(self.sequence), bool))
+        return self.changed(**parted), np.repeat(widths / parts, parts)
+
+    def _parted(
+        self, point: Point, parts: int, lasts: np.ndarray
+    ) -> tuple[dict[str, Any], np.ndarray]:
+        """Arcs and patterns of `cut` in phases that last, and durations of the joined arcs."""
+        begins = self._joined(point) & np.repeat(lasts, self.arcs)
         first = np.flatnonzero(begins)
         patterns = self.patterns and tuple(self.patterns[k] for k in np.repeat(first, parts))
-        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])
-        widths = np.repeat(np.add.reduceat(point.x[self.h], first) / parts, parts)
-        same = (self.degree, patterns, self.limits)
-        return type(self)(self.task, self.sequence, self.period, arcs, *same), widths
+        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])[lasts]
+        return {"arcs": arcs, "patterns": patterns}, np.add.reduceat(point.x[self.h], first)
 
     def lasting(self, point: Point) -> tuple[GaitProgram, Point | None]:
         """Omit phases of almost no duration and join equal neighbours.
@@ -171,28 +163,23 @@ class GaitProgram(GaitRows):
     def _joined(self, point: Point) -> np.ndarray:
         """Mask of arcs that must begin where they do."""
         # Arcs begin at phases, changes of acceleration, and turns of a length. The coefficients
-        # keep the length in its range; on an arc with a turn inside, they would keep it farther
-        # from the ends.
+        # keep the length in its range, and farther from its ends if it turns inside.
         begins = np.zeros(self.total, bool)
         begins[self._edges[:-1]] = True
-        (h, v, _), last = self.motion(point), -1
+        h, v, _ = self.motion(point)
         long = h > _SHORT * h.sum()
         if self.degree > 1 or not self._continuous:
             return begins | long
         slopes = (v[:, 1] - v[:, 0]) / np.where(long, h, 1.0)[:, None]
         rates = np.diff(v, axis=2)
         ways = np.where(np.abs(rates) < 1e-6, 0.0, np.sign(rates))
-        for k in range(self.total):
-            if begins[k]:
-                last = k if long[k] else -1
-            elif long[k]:
-                if last >= 0:
-                    bends = np.abs(slopes[k] - slopes[last]) > 1e-6 * (1 + np.abs(slopes[k]))
-                    turns = ways[last, 0] * ways[k, 1] < 0
-                    begins[k] = bends.any() or turns.any()
-                    if self.patterns and self.patterns[k] != self.patterns[last]:
-                        begins[k] = True
-                last = k
+        phase = np.repeat(np.arange(len(self.sequence)), self.arcs)
+        for last, k in pairwise(np.flatnonzero(long)):
+            if phase[last] == phase[k]:
+                bends = np.abs(slopes[k] - slopes[last]) > 1e-6 * (1 + np.abs(slopes[k]))
+                turns = ways[last, 0] * ways[k, 1] < 0
+                other = self.patterns and self.patterns[k] != self.patterns[last]
+                begins[k] |= bends.any() or turns.any() or bool(other)
         return begins
 
     def with_patterns(self, patterns: tuple[Pattern | None, ...]) -> GaitProgram:
@@ -277,7 +264,7 @@ class GaitProgram(GaitRows):
     def speed(self, point: Point) -> float:
         """Mean speed, in the task's units."""
         values = self.bilinear.values(point.x)
-        return float(values[self._advance] / values[self._period]) * self.limits.speed
+        return float(values[self._advance] / values[self.period_row]) * self.limits.speed
 
     def gait(self, point: Point) -> Gait:
         """The cycle as link lengths over time; arcs without duration are left out."""
@@ -316,16 +303,11 @@ class WaveProgram(GaitProgram):
     """
 
     @cached_property
-    def _uniform(self) -> bool:
-        return all(len(set(values)) == 1 for values in self.task.of_each)
-
-    @property
     def _phases(self) -> int:
-        if not self._uniform:
+        if any(len(set(values)) > 1 for values in self.task.of_each):
             return len(self.sequence)
         # In the first phase, every pair of neighbouring classes is that of a link. With as many
-        # phases as masses, the pair of the last and the first class is that of a link in the second
-        # phase only.
+        # phases as masses, the last and the first class are those of a link in the second.
         return 1 if len(self.sequence) <= self.limits.links else 2
 
     def _add_columns(self) -> None:

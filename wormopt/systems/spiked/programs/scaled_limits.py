@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -21,8 +21,7 @@ _ROUNDING = 1e-14
 class Form:
     """A limit -below ≤ alpha a + k beta v ≤ above on accelerations a and velocities v.
 
-    Either all masses have drag or none: beta is 0, or vanishes where alpha does and else has its
-    sign.
+    Either all masses have drag or none: beta is 0, or has the sign of alpha and vanishes with it.
     """
 
     alpha: np.ndarray  # (n+1,) weights of the masses' accelerations
@@ -31,94 +30,42 @@ class Form:
     above: float = np.inf  # left above the value at rest; infinite: no limit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class ScaledLimits:
     """A task in units of its largest link rate, longest period and mean mass."""
 
     task: GaitProblem
     like: ScaledLimits | None = None  # limits whose units are used instead, to compare the two
 
-    @property
-    def links(self) -> int:
-        """Number of links n."""
-        return self.task.worm.links
-
-    @cached_property
-    def speed(self) -> float:
-        """Unit of speeds: the largest link rate."""
-        return self.like.speed if self.like else self.task.speed_nominal
-
-    @cached_property
-    def time(self) -> float:
-        """Unit of times: the longest period."""
-        return self.like.time if self.like else self.task.limits.period_range[1]
-
-    @cached_property
-    def shortest_period(self) -> float:
-        """Shortest period."""
-        return self.task.limits.period_range[0] / self.time
-
-    @cached_property
-    def longest_period(self) -> float:
-        """Longest period: 1 in its own units."""
-        return self.task.limits.period_range[1] / self.time
-
-    @cached_property
-    def mean_mass(self) -> float:
-        """Unit of masses."""
-        return self.like.mean_mass if self.like else float(np.mean(self.task.worm.masses))
-
-    @cached_property
-    def force(self) -> float:
-        """Unit of forces."""
-        return self.mean_mass * self.speed / self.time
-
-    @cached_property
-    def mass(self) -> np.ndarray:
-        """Masses, shape (n + 1,)."""
-        return np.array(self.task.worm.masses) / self.mean_mass
-
-    @cached_property
-    def beyond(self) -> np.ndarray:
-        """Load of each mass beyond the mean, shape (n + 1,)."""
-        return np.array(self.task.worm.beyond) / self.force
-
-    @cached_property
-    def drag(self) -> float:
-        """Drag coefficient k of each mass."""
-        return self.task.worm.drag * self.speed / self.force
-
-    @cached_property
-    def rates(self) -> tuple[np.ndarray, np.ndarray]:
-        """Largest contraction and extension rates, shape (n,) each."""
-        contraction, extension = map(np.array, self.task.limits.rate_bounds(self.links))
-        return contraction / self.speed, extension / self.speed
-
-    @cached_property
-    def strokes(self) -> np.ndarray:
-        """How far the length of each link may change, shape (n,)."""
-        ranges = np.array(self.task.limits.length_ranges(self.links))
-        return np.ptp(ranges, axis=1) / (self.speed * self.time)
-
-    @cached_property
-    def acceleration(self) -> np.ndarray | None:
-        """Largest link accelerations, shape (n,); None where velocities may jump."""
-        # They are capped: programs lose digits if numbers differ too much, and a larger
-        # acceleration gains almost nothing.
-        limit = self.task.limits.acceleration
-        if limit is None:
-            return None
-        return np.minimum(np.broadcast_to(limit, self.links) * self.time / self.speed, _ABRUPT)
-
-    @cached_property
-    def spikes(self) -> np.ndarray:
-        """Largest loads of the spikes, shape (n + 1,); infinite without a limit."""
-        return _spread(self.task.limits.spike_load, self.links + 1) / self.force
-
-    @cached_property
-    def actuator_most(self) -> np.ndarray:
-        """Largest forces of the actuators, shape (n,); infinite without a limit."""
-        return _spread(self.task.limits.actuator_force, self.links) / self.force
+    def __post_init__(self) -> None:
+        task, worm, limits, like = self.task, self.task.worm, self.task.limits, self.like
+        self.links = n = worm.links
+        # units
+        self.speed = like.speed if like else task.speed_nominal
+        self.time = like.time if like else limits.period_range[1]
+        self.mean_mass = like.mean_mass if like else float(np.mean(worm.masses))
+        self.force = self.mean_mass * self.speed / self.time
+        # of the worm: masses (n + 1,), load of each beyond the mean (n + 1,), drag k of each
+        self.mass = np.array(worm.masses) / self.mean_mass
+        self.beyond = np.array(worm.beyond) / self.force
+        self.drag = worm.drag * self.speed / self.force
+        # limits: shortest and longest period; largest contraction and extension rates (n,);
+        # by how much lengths may change (n,)
+        shortest, longest = limits.period_range
+        self.periods = shortest / self.time, longest / self.time
+        contraction, extension = map(np.array, limits.rate_bounds(n))
+        self.rates = contraction / self.speed, extension / self.speed
+        ranges = np.array(limits.length_ranges(n))
+        self.strokes = np.ptp(ranges, axis=1) / (self.speed * self.time)
+        # largest accelerations (n,), None where velocities may jump; they are capped: programs lose
+        # digits if numbers differ too much, and a larger acceleration gains almost nothing
+        self.acceleration: np.ndarray | None = None
+        if limits.acceleration is not None:
+            most = np.broadcast_to(limits.acceleration, n) * self.time / self.speed
+            self.acceleration = np.minimum(most, _ABRUPT)
+        # largest loads of spikes (n + 1,) and forces of actuators (n,), infinite without a limit
+        self.spikes = _spread(limits.spike_load, n + 1) / self.force
+        self.actuator_most = _spread(limits.actuator_force, n) / self.force
 
     def weighted(self, weights: np.ndarray) -> Form:
         """Form of a weighted sum of the forces (n + 1,) m a + k v on the masses, without limits."""
@@ -134,14 +81,9 @@ class ScaledLimits:
 
     def forms(self, resting: Resting) -> list[Form]:
         """All limits on link accelerations, the sum of the spike loads, and actuator forces."""
-        given = self.acceleration
+        given, steps = self.acceleration, np.diff(np.eye(self.links + 1), axis=0)
         most_of_each = np.full(self.links, np.inf) if given is None else given
-        links = [
-            Form(-step, 0.0 * step, most, most)
-            for step, most in zip(
-                np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
-            )
-        ]
+        links = [Form(-s, 0.0 * s, most, most) for s, most in zip(steps, most_of_each, strict=True)]
         return [*links, self._momentum(resting), *self._actuators(resting)]
 
     def binding(self, resting: Resting) -> list[Form]:
@@ -198,18 +140,24 @@ class ScaledLimits:
             )
 
     def actuators(self, resting: Resting) -> Iterator[tuple[np.ndarray, float]]:
-        """For each actuator: weights (n + 1,) of the forces on masses, force at rest per load."""
-        # All loads are equal, and the resting masses share them equally.
-        count, rest = self.links + 1, len(resting)
-        for j in range(1, count):
-            # whole numbers, so that cancelling terms give exactly 0
-            held = sum(i < j for i in resting)
-            weight = (held - rest * (np.arange(count) < j)) / rest
-            yield weight, (held * count - rest * j) / rest
+        """Yield `of_actuators` for each actuator."""
+        return zip(*of_actuators(resting, self.links + 1), strict=True)
 
     def _apart(self, high: float, low: float) -> float:
         """Difference of two forces, rounded up, in units of force."""
         return (high - low + _ROUNDING * (abs(high) + abs(low))) / self.force
+
+
+def of_actuators(resting: Resting, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (n, n + 1) of the forces on `count` masses, and force at rest per load (n,).
+
+    All loads are equal, and the resting masses share them equally.
+    """
+    # whole numbers, so that cancelling terms give exactly 0
+    ahead = np.arange(count) < np.arange(1, count)[:, None]
+    held, rest = ahead[:, list(resting)].sum(axis=1), len(resting)
+    weights = (held[:, None] - rest * ahead) / rest
+    return weights, (held * count - rest * ahead.sum(axis=1)) / rest
 
 
 @lru_cache(maxsize=64)

@@ -182,9 +182,8 @@ def _generate(rates: np.ndarray, resting: int, sets: list[tuple[int, ...]] | Non
 def _proven(values: np.ndarray, weights: np.ndarray) -> float:
     """Proven bound on the speed from the largest weighted sums of velocities of the resting sets.
 
-    If all masses advance alike, the speed is such a sum over the sum of the weights, accumulated
-    as in `_Chain.gains`. Any weights give a bound, and sums of terms of one sign have a known
-    relative error.
+    If all masses advance alike, the speed is such a sum over the sum of the weights, accumulated as
+    in `_Chain.gains`. Any weights give a bound; sums of terms of one sign have a known error.
     """
     return float(values.max() / np.cumsum(weights)[-1]) * (1 + _ROUNDING)
 
@@ -410,12 +409,6 @@ def is_mirror_symmetric(task: GaitProblem) -> bool:
     return contraction == extension and all(values == values[::-1] for values in of_each)
 
 
-def letters_of(task: GaitProblem) -> list[Resting]:
-    """Sets of masses that may rest together."""
-    masses = range(task.worm.links + 1)
-    return [s for size in task.resting_sizes for s in combinations(masses, size)]
-
-
 def first_orders(task: GaitProblem) -> list[Sequence_]:
     """First orders of every search, for any number of links.
 
@@ -473,13 +466,13 @@ def _best_sets_in_turn(task: GaitProblem) -> Iterator[Sequence_]:
 def search_letters(task: GaitProblem) -> list[Resting]:
     """Sets of resting masses from which orders are made.
 
-    All sets if they are few, else those of sizes with few sets, and blocks of neighbours that wrap
-    round.
+    All sets if few, else those of sizes with few sets, and blocks of neighbours that wrap round.
     """
     masses, sizes = task.worm.links + 1, task.resting_sizes
-    if task.count_of_sets <= _MOST_SETS:
-        return letters_of(task)
-    least = [size for size in sizes if comb(masses, size) <= _MOST_SETS]
+    counts = [comb(masses, size) for size in sizes]
+    if sum(counts) <= _MOST_SETS:
+        return [s for size in sizes for s in combinations(range(masses), size)]
+    least = [size for size, count in zip(sizes, counts, strict=True) if count <= _MOST_SETS]
     found = {s for size in least for s in combinations(range(masses), size)}
     found |= {s for size in sizes for s in block_wave_sequence(task.worm.links, size)}
     return sorted(found, key=lambda s: (len(s), s))

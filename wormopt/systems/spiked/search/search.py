@@ -420,11 +420,12 @@ def search(
         ended = "interrupted"
     finally:
         race.close()
-    ranking = sorted([*race.ranking, *race.others], key=rank)
+    ranking = tuple(sorted([*race.ranking, *race.others], key=rank))
     if ended == "searched" and race.is_proven:
         ended = "proven"
     tried = frozenset(race.trials)
-    return Survey(task, tuple(ranking), tried, race.varied, trier.programs, ended, seconds)
+    counts = race.varied, trier.programs
+    return Survey(task, ranking, tried, *counts, ended, seconds, bounded)
 
 
 def _effort(race: Race, settings: Search) -> Effort:
@@ -650,8 +651,7 @@ def _edited(
     """Insert, exchange, drop or move one resting set; smallest changes first.
 
     `inserted`: only insertions, into each parent in turn. Long worms have only near changes, at
-    both ends if these are alike, and parents with few phases come more often because they take less
-    time.
+    both ends if these are alike, and more often parents with few phases, which take less time.
     """
     letters, links = search_letters(race.task), race.task.worm.links
     edits, reach = [], links // _NEAR if race.long else np.inf

@@ -56,8 +56,7 @@ class Trial:
 class Trier:
     """Tries orders of rest of one task.
 
-    Climbs stop at the time `until` (monotonic clock) or after `work` each: pivots times (rows +
-    columns).
+    Climbs stop at the time `until` (monotonic clock) or after `work`, pivots × (rows + columns).
     """
 
     def __init__(self, task: GaitProblem, until: float = np.inf, work: float = np.inf) -> None:
@@ -118,14 +117,7 @@ class Trier:
     def freed(self, trial: Trial) -> Trial | None:
         """Continue a climb with a free period; None if the solver fails."""
         period = float(trial.durations.sum())
-        program = type(trial.program)(
-            self.task,
-            trial.sequence,
-            (period / 2, min(self.longest, 2 * period)),
-            trial.program.arcs,
-            trial.program.degree,
-            trial.program.patterns,
-        )
+        program = trial.program.changed(period=(period / 2, min(self.longest, 2 * period)))
         start = self._near(trial, program, trial.program.widths(trial.point))
         return start and self.climbed(replace(trial, program=program, point=start), 1e-6, 40)
 
@@ -152,9 +144,9 @@ class Trier:
     def fits(self, trial: Trial) -> list[Trial]:
         """Fit a trial with a free period to the nearest numbers of cycles."""
         period = float(trial.durations.sum())
-        counts = {max(1, ceil(self.shortest / period / _UP))}
-        if max(counts) * period > self.longest * _UP:  # no whole number of cycles is in the range
-            counts.add(max(1, floor(self.longest / period * _UP)))
+        counts = {max(1, ceil(self.shortest / period / UP))}
+        if max(counts) * period > self.longest * UP:  # no whole number of cycles is in the range
+            counts.add(max(1, floor(self.longest / period * UP)))
         fitted = [self.fitted(trial, count) for count in sorted(counts)]
         if not any(fitted) and self.task.objective.speed is not None:
             # the cheapest gait has no speed to spare: search for a fast one again
@@ -176,8 +168,7 @@ class Trier:
         period = float(trial.durations.sum())
         low, high = self._cycle(cycles, period)
         wanted = float(np.clip(period, low, high))
-        same = trial.program
-        program = type(same)(self.task, trial.sequence, (low, high), same.arcs, same.degree)
+        program = trial.program.changed(task=self.task, period=(low, high), patterns=None)
         widths = trial.program.widths(trial.point) * (wanted / period)
         if has_cost_columns(self.task):
             start = self._near(trial, program, widths)
@@ -274,7 +265,7 @@ class Trier:
         for _ in range(most):
             if not _NEARLY * required <= fast.value < required:
                 break
-            fast = self.finer(fast, 1e-6)
+            fast = self.finer(fast, 1e-6, enough=required)
         return fast if fast.value >= required else None
 
     def climbed(
@@ -333,16 +324,17 @@ class Trier:
         degree: int | None = None,
         parts: int = 2,
         steps: int = 40,
+        enough: float = -np.inf,
     ) -> Trial:
         """Cut each arc in `parts`, or raise the degree, and continue the climb; never worse.
 
-        `degree` of the velocities, kept if None; `tolerance` and `steps` of the climb.
+        `degree` of the velocities, kept if None; `tolerance`, `steps`, `enough` of the climb.
         """
         program, start = trial.program.finer(trial.point, degree, parts)
         level = trial.level + 1
         if start is None:
             return replace(trial, level=level)
-        better = self.climbed(Trial(program, start, trial.cycles, level), tolerance, steps)
+        better = self.climbed(Trial(program, start, trial.cycles, level), tolerance, steps, enough)
         better = self._other_patterns(better, tolerance)
         return better if better.value >= trial.value else replace(trial, level=level)
 
@@ -351,7 +343,7 @@ class Trier:
 _FEWEST_ARCS, _MOST_ARCS, _ARCS = 2, 4, 16
 # Programs of travelling waves with more unknowns are reduced to one phase.
 _LARGE = 1800
-_UP = 1 + 1e-9
+UP = 1 + 1e-9  # a period within this share of a bound is at the bound
 # Shares of their ranges in which velocities may change when durations change.
 _NEARNESS = (0.05, 0.4, np.inf)
 # Bounds of a free period, as multiples of its first guess.

@@ -4,8 +4,7 @@ It models the prototype in section 2.5 of Zimmermann et al. 2007. Lengths are pr
 only unknown is the position of the whole worm. A bristle lets its mass slip back by `backslip` from
 its foremost position and then holds. The worm is never ahead of where the bristles hold it, which
 is w = 0 in eq. 7 under a sufficient load: x_0 = max over i of (S_i + h_i), where h_i is the
-position
-at which mass i is held.
+position at which mass i is held.
 
 While all lengths change linearly, velocities never decrease (x_0 is a maximum of linear functions),
 so no mass moves back after it moved forward. The positions at the end of such a piece are therefore
@@ -16,6 +15,7 @@ its largest mean weight of a cycle.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import add
 
 import numpy as np
 
@@ -32,7 +32,6 @@ class BristleMotion:
 
     time: np.ndarray  # (m,) times from 0 to the period: the start, and the end of each move
     position: np.ndarray  # (n+1, m) positions of the masses; the head starts at 0
-    holding: np.ndarray  # (n+1, m) whether each bristle holds
     speed: float  # mean speed, from the largest cycle mean
     # difference of the motion over a period from its advance by `speed`, a length
     period_error: float
@@ -94,12 +93,11 @@ def ratchet(steps: Steps, backslip: float, settle_time: float = 0.0) -> BristleM
     time, counts = _ramped(steps, settle_time) if settle_time else _held(steps)
     spans = np.vstack([np.zeros(len(time)), np.cumsum(counts, axis=0)])
     mean, held = _cycle_mean(_period_map(spans[:, 1:], slip))
-    place, holding, left = _follow(spans, held, slip, mean)
+    place, left = _follow(spans, held, slip, mean)
     start = np.concatenate([[0.0], np.cumsum(steps.start)])
     return BristleMotion(
         time,
         steps.travel * place - start[:, None],
-        holding,
         steps.travel * mean / steps.period,
         steps.travel * left,
     )
@@ -157,8 +155,7 @@ def _ramps(begin: np.ndarray, sign: np.ndarray, settle_time: float, t: np.ndarra
 
 def _period_map(spans: np.ndarray, slip: float) -> np.ndarray:
     """Matrix over (max, +) from the held positions to those a period later."""
-    # After a move the worm is at x_0 = max_k (S_k + h_k), and h_i becomes max(h_i, x_0 - S_i -
-    # slip).
+    # After a move the worm is at x_0 = max_k (S_k + h_k), then h_i is max(h_i, x_0 - S_i - slip).
     masses = len(spans)
     whole = np.where(np.eye(masses, dtype=bool), 0.0, -np.inf)
     for first in range(0, spans.shape[1], _BATCH):
@@ -196,18 +193,14 @@ def _cycle_mean(matrix: np.ndarray) -> tuple[float, np.ndarray]:
 
 def _follow(
     spans: np.ndarray, held: np.ndarray, slip: float, mean: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Positions of the masses after every move of a period, holding bristles, closing error."""
-    masses = range(len(spans))
-    hold = held.tolist()
-    head, holds = [], []
+) -> tuple[np.ndarray, float]:
+    """Positions of the masses after every move of a period, and the closing error."""
+    hold, head = held.tolist(), []
     for span in spans.T.tolist():
-        reach = [span[i] + hold[i] for i in masses]
-        x = max(reach)
+        x = max(map(add, span, hold))
         head.append(x)
-        holds.append([r >= x - 1e-9 for r in reach])
-        hold = [max(hold[i], x - span[i] - slip) for i in masses]
+        hold = [max(h, x - s - slip) for h, s in zip(hold, span, strict=True)]
     x0 = np.array(head)
     left = float(np.abs(np.array(hold) - held - mean).max())
     left = max(left, abs(x0[-1] - x0[0] - mean))
-    return x0 - x0[0] - spans + spans[:, :1], np.array(holds).T, left
+    return x0 - x0[0] - spans + spans[:, :1], left
