@@ -87,6 +87,18 @@ def test_a_process_that_dies_costs_no_answer():
         ready(workers)
 
 
+def test_a_job_runs_beside_others_and_is_done_here_without_processes(pool: Workers):
+    for workers, here in ((pool, False), (Workers(1), True)):
+        beside = workers.start(own_process, 0)
+        assert list(workers.map(square, range(5))) == [0, 1, 4, 9, 16]
+        assert (beside() == os.getpid()) is here
+
+
+def test_a_job_whose_process_dies_is_done_here():
+    with Workers(2) as workers:
+        assert workers.start(die_elsewhere, os.getpid())()
+
+
 def test_answers_come_as_soon_as_they_are_done(pool: Workers):
     found = list(pool.as_completed(slept, [0.3, 0.01, 0.02]))
     assert found == [(1, 0.01), (2, 0.02), (0, 0.3)]

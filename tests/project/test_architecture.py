@@ -40,7 +40,7 @@ BELOW: dict[str, set[str]] = {
 # Modules of a room that other rooms may import; rooms that are not named are open.
 DOORS = {
     "simulation": """ensemble event_free functions initial_value moreau native.build options
-        simulate trajectory variation walls""",
+        native.model_code routes simulate trajectory variation walls""",
     "ocp": "contact mesh motion nlp optimise problem stages switching transcription",
     "reports": "report",
     "exports": "export robot ros",

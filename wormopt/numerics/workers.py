@@ -159,6 +159,22 @@ class Workers:
             except BrokenExecutor:
                 self._revive()
 
+    def start(self, work: Callable[[Job], Answer], job: Job) -> Callable[[], Answer]:
+        """Start a job beside what follows; returns a function that waits for its answer."""
+        if self._local:
+            return partial(work, job)
+        self._submit(work, [job])
+        future = self._asked.popleft()
+
+        def answer() -> Answer:
+            try:
+                return self._answer(future)
+            except BrokenExecutor:
+                self._revive()
+                return work(job)
+
+        return answer
+
     def _submit(self, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> None:
         """Submit jobs; they are in `_asked` before anything can interrupt."""
         if _cluster is None:

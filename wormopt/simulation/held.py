@@ -421,6 +421,7 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
     ready = replace(
         task,
         system=system,
+        equations=None,
         x0=np.concatenate([task.x0[:n_x], start, np.zeros(system.n_pushes)]),
         p=np.insert(task.p, [at] * more, 0.0),
         schedules=(*schedules, new, *task.schedules[own:]),

@@ -45,6 +45,8 @@ class InitialValueProblem:
     dense: bool = False  # keep the polynomials of all steps
     keep: int = 0  # most ends of steps to keep; 0: samples at `times`
     directions: Directions | None = None  # of derivatives to integrate, too
+    # the smooth equations as CVODES takes them, in states of nominal size, if already compiled
+    equations: ca.Function | None = None
 
     @cached_property
     def start(self) -> np.ndarray:

@@ -148,6 +148,8 @@ class _Run:
     @cached_property
     def equations(self) -> _Equations:
         task, sizes = self.task, _sizes(self.task)
+        if task.directions is None and task.equations is not None:
+            return _Equations(task.equations)
         if task.directions is None:
             return _shared(task.system, tuple(sizes.tolist()))
         scale = ca.DM(sizes)
@@ -297,8 +299,9 @@ def _sizes(task: InitialValueProblem) -> np.ndarray:
 class _Equations(NamedTuple):
     """A system as one call, whose Jacobian is made once for all its integrators."""
 
-    dae: dict[str, ca.MX]
-    jacobian: ca.Function  # CasADi takes it from the call, but keeps it only while somebody does
+    dae: dict[str, ca.MX] | ca.Function
+    # CasADi takes it from a call, but keeps it only while somebody does
+    jacobian: ca.Function | None = None
 
 
 @lru_cache(maxsize=4)

@@ -89,7 +89,7 @@ def _lanes_library(text: str) -> ctypes.CDLL:
 
 def lanes_source(function: ca.Function) -> str | None:
     """C code of a function of (t, x, p, s), one line per instruction; None if impossible."""
-    lines = _instructions(function, [f"{name}[{{}}]" for name in "txps"], "dx[{}] = {}")
+    lines = in_vectors(function, [f"{name}[{{}}]" for name in "txps"], "dx[{}] = {}")
     return None if lines is None else "\n".join([_HEAD, "{", *lines, "}", ""])
 
 
@@ -103,7 +103,7 @@ def places_source(at: AtPlaces) -> str | None:
     except RuntimeError:
         return None
     given = [f"NEXT(arg[0][{count} * {{}} + i])", "ALL(arg[1][{}])", "NEXT(weight[i])"]
-    lines = _instructions(one, given, f"NEXT(res[0][{count} * {{}} + i]) = {{}}")
+    lines = in_vectors(one, given, f"NEXT(res[0][{count} * {{}} + i]) = {{}}")
     if lines is None:
         return None
     return "\n".join([
@@ -128,7 +128,7 @@ def places_library(at: AtPlaces) -> ctypes.CDLL | None:
     return None if text is None else _library(text)
 
 
-def _instructions(function: ca.Function, inputs: Sequence[str], output: str) -> list[str] | None:
+def in_vectors(function: ca.Function, inputs: Sequence[str], output: str) -> list[str] | None:
     """C code in vectors, one line per instruction, with formats of entries; None if impossible."""
     if not function.is_a("SXFunction") or function.n_instructions() > _LONGEST:
         return None

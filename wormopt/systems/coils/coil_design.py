@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 from msgspec import Meta, structs
 
 from wormopt.errors import ArgumentError, Fault, SolveError
-from wormopt.result import Check
+from wormopt.result import Check, Result
 from wormopt.study import (
     Given,
     array,
@@ -142,12 +142,12 @@ class CoilDesign(OverCoils, kind="coil-design"):
     `"SI"`.
 
     The trust report has the checks `half the cells` and `smaller steps` (change of the float's
-    speed), and `second integrator` (SciPy's Radau on the same equations). `limits` checks the
-    currents at all times. `neighbours` is the gain of the best pattern with one value changed by a
-    twentieth of the limit, or the rate by a twentieth, on the search grid. Checks of a float are as
-    in `coil-film`. The report also has `searches` (each start and its result) and `rivals`. The
-    optimum is local. If no search improves on the best block or wave, that is the design, with a
-    warning.
+    speed), and `second integrator` (SciPy's Radau on the equations of the Model, which are not
+    compiled). `limits` checks the currents at all times. `neighbours` is the gain of the best
+    pattern with one value changed by a twentieth of the limit, or the rate by a twentieth, on the
+    search grid. Checks of a float are as in `coil-film`. The report also has `searches` (each start
+    and its result) and `rivals`. The optimum is local. If no search improves on the best block or
+    wave, that is the design, with a warning.
     """
 
     pictures: ClassVar = {
@@ -393,9 +393,19 @@ class CoilDesign(OverCoils, kind="coil-design"):
         ends = (one["position"][0, -1] for one in (self.smaller_steps, self.half_the_cells))
         return float(abs(np.subtract(*ends)) / self.cargo.length)
 
+    @cached_property
+    def second_integrator(self) -> Callable[[], float]:
+        """The float's travel by another integrator, computed beside other work."""
+        return self.workers.start(partial(travel_by_radau, self.finer), self.design)
+
     @stage
     def travel_by_second_integrator(self) -> float:
-        return travel_by_radau(self.finer, self.design)
+        return self.second_integrator()
+
+    def _complete(self) -> Result:
+        # takes longer than all other work after the contest
+        _ = self.contest, self.second_integrator
+        return super()._complete()
 
     @check(
         1e-2,

@@ -49,18 +49,12 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.coils import CoilRow
 from wormopt.magnetics.hydrostatics import Fluid, flat_field, pull
 from wormopt.magnetics.material import check_number
-from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal
 from wormopt.model.values import numbers
-from wormopt.progress import Report
-from wormopt.simulation.options import Tolerance
-from wormopt.simulation.simulate import simulate
-from wormopt.simulation.trajectory import Trajectory
 
 Ends = Literal["walls", "periodic"]
 Pull = Callable[[ca.SX, ca.SX], Any]
@@ -194,7 +188,7 @@ class Float:
 
     def within(self, layer: Layer, x: Any, X: Any) -> Any:
         """Return the share of the taper from its tip, 0 to 1, at positions x (m), middle at X."""
-        away = ca.DM(x) - X
+        away = (x if isinstance(x, ca.SX) else ca.DM(x)) - X
         if layer.ends == "periodic":
             away = away - layer.length * ca.floor(away / layer.length + 0.5)
         return ca.fmin(ca.fmax((self.length / 2 - ca.fabs(away)) / self.fade + 0.5, 0), 1)
@@ -206,13 +200,17 @@ class Float:
 
     def energy(self, layer: Layer, h: ca.SX, X: ca.SX) -> ca.SX:
         """Return the energy of weight, bending, and end walls, in J per metre across."""
+        return self.stored(layer, h, X) + self.stopped(layer, X)
+
+    def stored(self, layer: Layer, h: ca.SX, X: ca.SX) -> ca.SX:
+        """Return the energy of weight and bending, in J per metre across."""
         covered = self.coverage(layer, layer.places, X)
         stiffness = self.stiffness * _tapered(self.within(layer, layer.places, X))
         left, right = layer.beside(h)
         bend = (right - 2 * h + left) / layer.step**2
         load = self.mass / self.length * layer.fluid.gravity
         stored = load * covered * (h - layer.depth) + stiffness * bend * bend / 2
-        return layer.step * ca.sum1(stored) + self.stopped(layer, X)
+        return layer.step * ca.sum1(stored)
 
     def stopped(self, layer: Layer, X: ca.SX) -> Any:
         """Return the energy of stiff end walls, in J per metre across."""
@@ -243,27 +241,19 @@ def floated_film(
     h = layer.thickness(volume)
     energy, by_h, by_X = _energy(layer, cargo, h, X)
     pull, slope = drawn(h, layer.slope(h)), layer.slope(h)
-    passed, shear, lost = _dragged(layer, cargo, h, X, V, layer.gradient(by_h / layer.step - pull))
+    passed, shear, lost = dragged(layer, cargo, h, X, V, layer.gradient(by_h / layer.step - pull))
     flow = layer.ended(passed)
     # a shift of film and float together along x changes the energy by the force on the walls
     borne = layer.fluid.weight * (h[-1] ** 2 - h[0] ** 2) / 2
     stop = -ca.gradient(cargo.stopped(layer, X), X)
-    heap = _heap(layer, cargo.length)
-    spent = partial(
-        Signal, unit="energy_per_width", nominal=heap * layer.depth * cargo.length, value=0.0
-    )
+    area, length, speed, energies = sizes_of(layer, cargo)
+    spent = partial(Signal, unit="energy_per_width", nominal=energies, value=0.0)
     return Model(
         "float on a film over coils",
         x=[
-            Signal("volume", volume, "area", nominal=layer.depth * layer.step, value=0.0),
-            Signal("position", X, "length", nominal=cargo.length),
-            Signal(
-                "velocity",
-                V,
-                "speed",
-                nominal=heap * layer.depth**2 / (3 * layer.viscosity * cargo.length),
-                value=0.0,
-            ),
+            Signal("volume", volume, "area", nominal=area, value=0.0),
+            Signal("position", X, "length", nominal=length),
+            Signal("velocity", V, "speed", nominal=speed, value=0.0),
             spent("field_work", ca.SX.sym("field_work")),
             spent("dissipated", ca.SX.sym("dissipated")),
         ],
@@ -288,7 +278,14 @@ def floated_film(
     )
 
 
-def _dragged(
+def sizes_of(layer: Layer, cargo: Float) -> tuple[float, float, float, float]:
+    """Return nominal sizes of volumes, positions, velocities, and works."""
+    heap = _heap(layer, cargo.length)
+    speed = heap * layer.depth**2 / (3 * layer.viscosity * cargo.length)
+    return layer.depth * layer.step, cargo.length, speed, heap * layer.depth * cargo.length
+
+
+def dragged(
     layer: Layer, cargo: Float, h: ca.SX, X: ca.SX, V: ca.SX, G: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return flow on the faces, shear force of the fluid on the float, and dissipated power."""
@@ -339,7 +336,6 @@ def _heap(layer: Layer, length: float) -> float:
 
 _DEGREES = (4, 8, 10, 14, 24)
 _RESOLVED, _ROUNDING = 1e-7, 1e-12
-_STEPS = 200_000
 
 
 def surface_film(
@@ -515,23 +511,6 @@ class FilmSetup:
         return _film_by_terms(
             self.layer, self.field, given, terms, self.cargo, own_field=self.own_field
         )
-
-    def simulate(
-        self, currents: Gait, times: np.ndarray, tolerance: float, report: Report
-    ) -> Trajectory:
-        """Return the motion under periodic currents until the last of the times."""
-        return simulate(
-            _driven(self, currents), float(times[-1]), times=times,
-            x0={"position": self.start} if self.cargo else None,
-            route="cvodes", report=report,
-            tolerance=Tolerance(tolerance, tolerance, max_steps=_STEPS),
-        )  # fmt: skip
-
-
-@lru_cache(maxsize=4)  # shorter steps need no other model
-def _driven(setup: FilmSetup, currents: Gait) -> Model:
-    terms = np.moveaxis(setup.field.terms(np.moveaxis(currents.polynomial, 1, 0)), 0, 1)
-    return drive(setup.model_by_terms(), Gait(currents.breaks, terms), periodic=True)
 
 
 def surface_pull(fluid: Fluid, H: Sequence[Any], slope: Any, *, own_field: bool) -> Any:

@@ -34,6 +34,7 @@ with on_use():
     from wormopt.model.gait import Gait
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.coils.film import FilmSetup, Float, Layer, RowField, rigid, row_field
+    from wormopt.systems.coils.film_code import simulate_film
 
 _LIGHTEST = 1e-9  # least mass of a float over the film's: lighter ones need too many steps
 _FARTHEST = 100  # largest distance from the last coil to a wall, in pitches
@@ -280,7 +281,8 @@ class OverCoils(SIStudy):
         """Return the motion in the cells of a layer; a SolveError has the motion so far."""
         _ = self.field  # SceneError if it is not resolved
         try:
-            return self.setup(layer).simulate(currents, self.times, tolerance, self.report)
+            setup = self.setup(layer)
+            return simulate_film(setup, currents, self.times, tolerance, self.report)
         except SolveError as error:
             reason = f"the film cannot be simulated to the end: {error.reason}"
             raise SolveError(reason, self.remedy, error.partial, error.code) from None

@@ -22,6 +22,7 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.expressions import Call
 from wormopt.ocp.nlp import Ipopt
 from wormopt.systems.coils.film import FilmSetup, Float, Layer
+from wormopt.systems.coils.film_code import compiled, of_piece
 from wormopt.systems.coils.row_currents import TravellingTarget, fit_currents
 from wormopt.systems.film import CosineWave, Fluid
 
@@ -200,6 +201,16 @@ class Rides(FilmSetup):
 @lru_cache(maxsize=2)
 def _solver(rides: Rides) -> ca.Function:
     """Return the integrator over a piece, from 0 to 1; states of nominal size 1."""
+    options = {
+        "reltol": rides.tolerance, "abstol": rides.tolerance, "max_num_steps": _STEPS,
+        "min_step_size": 1e-12, "disable_internal_warnings": True, "show_eval_warnings": False,
+    }  # fmt: skip
+    count = rides.field.terms(np.zeros(rides.row.count)).size
+    equations = compiled(rides, of_piece(count)) or _by_interpreter(rides)
+    return ca.integrator("ride", "cvodes", equations, 0.0, 1.0, options)
+
+
+def _by_interpreter(rides: Rides) -> dict[str, ca.SX]:
     film = rides.model_by_terms()
     moved = film.x[:3]  # volume, position, velocity; further states are not needed
     states = ca.vertcat(*(one.symbol for one in moved))
@@ -210,12 +221,7 @@ def _solver(rides: Rides) -> ca.Function:
     (ode,) = ca.substitute(
         [film.ode[: len(scale)]], [states, terms.symbol], [x * scale, begin + growth * t]
     )
-    system = {"t": t, "x": x, "p": p, "ode": ca.cse(ode / scale * length)}
-    options = {
-        "reltol": rides.tolerance, "abstol": rides.tolerance, "max_num_steps": _STEPS,
-        "min_step_size": 1e-12, "disable_internal_warnings": True, "show_eval_warnings": False,
-    }  # fmt: skip
-    return ca.integrator("ride", "cvodes", system, 0.0, 1.0, options)
+    return {"t": t, "x": x, "p": p, "ode": ca.cse(ode / scale * length)}
 
 
 def travel_by_radau(rides: Rides, pattern: Pattern) -> float:
