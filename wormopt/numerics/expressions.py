@@ -492,13 +492,13 @@ def at_rows(function: ca.Function, *rows: float | np.ndarray) -> list[np.ndarray
     """
     # an ordinary call takes eight times as long, for conversions
     m = len(np.asarray(rows[0]))
+    if 0 < m <= _AT_ONCE:
+        return [own.copy() for own in _call_at(function, m, get_ident())(*rows)]
+    given = [np.broadcast_to(each, (m, function.numel_in(i))) for i, each in enumerate(rows)]
     found = [np.empty((m, function.numel_out(i))) for i in range(function.n_out())]
-    size = min(m, _AT_ONCE)
     for k in range(0, m, _AT_ONCE):
-        part = slice(min(k, m - size), k + size)  # the last is as long as the others
-        call = _call_at(function, size, get_ident())
-        values = call(*(each[part] if len(np.shape(each)) == 2 and len(each) == m else each
-                        for each in rows))  # fmt: skip
+        part = slice(min(k, m - _AT_ONCE), k + _AT_ONCE)  # the last is as long as the others
+        values = _call_at(function, _AT_ONCE, get_ident())(*(each[part] for each in given))
         for whole, own in zip(found, values, strict=True):
             whole[part] = own
     return found
