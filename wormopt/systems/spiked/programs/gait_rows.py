@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import structs
@@ -144,6 +145,18 @@ class GaitRows:
         self.arcs = np.broadcast_to(arcs, len(sequence))
         self._edges = np.concatenate([[0], np.cumsum(self.arcs)])
         self.total = int(self._edges[-1])
+
+    if not TYPE_CHECKING:  # type checkers know the attributes, and refuse other names
+
+        def __getattr__(self, name: str) -> Any:
+            """Columns and rows are laid out when first needed; most programs sent back are not."""
+            if "rows" in vars(self) or name.startswith("__"):
+                raise AttributeError(f"{type(self).__name__} has no {name!r}")
+            self._lay_out()
+            return getattr(self, name)
+
+    def _lay_out(self) -> None:
+        task, sequence = self.task, self.sequence
         self.rows = BilinearRows()
         self._peak: int | None = None
         self._add_columns()
