@@ -1,5 +1,6 @@
 """The bilinear program of one order of rest, and what designs of it keep, by independent routes."""
 
+import pickle
 from functools import cache
 from typing import Any
 
@@ -63,6 +64,15 @@ def test_the_speed_of_one_link_by_hand():
     left = 1.0 - 10 * 0.15 * np.sqrt(0.03 / 0.075)
     assert len(short.sequence) * short.cycles == 12
     assert short.speed == pytest.approx(5 * 0.03 + 0.075 * (left / 0.3) ** 2, abs=1e-12)
+
+
+def test_a_program_that_was_sent_is_laid_out_when_it_is_needed():
+    program = GaitProgram(GaitProblem(G1_WORM, G1_LIMITS), G1_ORDER, (0.5, 1.0), 2)
+    sent = pickle.loads(pickle.dumps(program))
+    assert "rows" not in vars(sent)
+    assert np.array_equal(sent.v, program.v)
+    assert sent.rows.count == program.rows.count
+    assert not hasattr(sent, "row")
 
 
 def test_g1_is_the_optimum_of_its_program_to_rounding():
