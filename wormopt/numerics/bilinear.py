@@ -287,7 +287,7 @@ class Climb:
 
     tolerance: float = 1e-4  # least relative gain that a linearised step must predict
     steps: int = 60  # most steps
-    # stop if this value is out of reach at four times the gain that a step predicts
+    # stop if this value is out of reach at four times the gain that a full step predicts
     enough: float = -np.inf
 
 
@@ -319,7 +319,8 @@ class BilinearProgram(Linearised):
                 promised = float(slope @ (x - best.x))
                 if promised <= until.tolerance * abs(best.value):
                     break
-                if best.value + _REACH * promised < until.enough:
+                # with twice the radius a step would promise twice as much at most
+                if best.value + _REACH * promised / radius < until.enough:
                     break
                 better = self.restore(x, radius)
             gained = -np.inf if better is None else better.value - best.value

@@ -242,17 +242,25 @@ class Trier:
     ) -> Trial | None:
         """Climb to the required speed; few arcs may just miss it where more reach it."""
         fastest = Trier(GaitProblem(self.task.worm, self.task.limits), self._until)
-        program = fastest.program(sequence, period, self._arcs(sequence))
-        start = program.start(durations, random)
-        if start is None:
+        fast = None
+        for arcs in sorted({self._arcs(sequence), _MOST_ARCS}):  # few may be far too slow
+            program = fastest.program(sequence, period, arcs)
+            start = program.start(durations, random)
+            if start is None:
+                continue
+            reach = -np.inf if patient else _NEARLY * required / program.unit
+            until = Climb(1e-4, enough=reach)
+            reached = program.bilinear.climb(
+                start,
+                until,
+                lambda p, of=program: self.stopped() or of.objective(p) >= _AMPLY * required,
+            )
+            self._count(program.bilinear)
+            fast = Trial(program, reached)
+            if fast.value >= _NEARLY * required:
+                break
+        if fast is None:
             return None
-        reach = -np.inf if patient else _NEARLY * required / program.unit
-        until = Climb(1e-4, enough=reach)
-        reached = program.bilinear.climb(
-            start, until, lambda p: self.stopped() or program.objective(p) >= _AMPLY * required
-        )
-        self._count(program.bilinear)
-        fast = Trial(program, reached)
         if not self.task.worm.drag or not _NEARLY * required <= fast.value < required:
             return fastest._as_fast(fast, required, _MOST_FINER)
         # with drag optimal velocities bend, and linear ones approach them slowly
