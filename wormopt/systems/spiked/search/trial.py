@@ -274,7 +274,7 @@ class Trier:
         for _ in range(most):
             if not _NEARLY * required <= fast.value < required:
                 break
-            fast = self.finer(fast, 1e-6)
+            fast = self.finer(fast, 1e-6, enough=required)
         return fast if fast.value >= required else None
 
     def climbed(
@@ -333,16 +333,17 @@ class Trier:
         degree: int | None = None,
         parts: int = 2,
         steps: int = 40,
+        enough: float = -np.inf,
     ) -> Trial:
         """Cut each arc in `parts`, or raise the degree, and continue the climb; never worse.
 
-        `degree` of the velocities, kept if None; `tolerance` and `steps` of the climb.
+        `degree` of the velocities, kept if None; `tolerance`, `steps`, `enough` of the climb.
         """
         program, start = trial.program.finer(trial.point, degree, parts)
         level = trial.level + 1
         if start is None:
             return replace(trial, level=level)
-        better = self.climbed(Trial(program, start, trial.cycles, level), tolerance, steps)
+        better = self.climbed(Trial(program, start, trial.cycles, level), tolerance, steps, enough)
         better = self._other_patterns(better, tolerance)
         return better if better.value >= trial.value else replace(trial, level=level)
 
