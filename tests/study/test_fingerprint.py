@@ -1,5 +1,6 @@
 """Stored points belong to the code that computes, not to how it is explained."""
 
+import ast
 from pathlib import Path
 
 from hints import Patch
@@ -41,6 +42,31 @@ def test_what_computes_counts_and_what_shows_does_not():
     } <= found.keys()
     for room in ("scenes", "plots", "spiked", "film"):
         assert not [name for name in found if room in name.split(".")]
+
+
+def test_imports_are_found_wherever_they_are():
+    source = """
+import a1
+class C:
+    def f(self):
+        try:
+            import a2
+        except ImportError:
+            import a3
+        else:
+            import a4
+        finally:
+            import a5
+        for _ in ():
+            with open("x"):
+                import a6
+        match self:
+            case 1:
+                import a7
+        if self: import a8
+        elif not self: import a9
+"""
+    assert set(kept._imports(ast.parse(source))) == {f"a{k}" for k in range(1, 10)}
 
 
 def test_keys_differ_by_code(tmp_path: Path, monkeypatch: Patch):

@@ -443,21 +443,27 @@ class Call:
     """A CasADi function called through its buffer, a hundred times faster than an ordinary call.
 
     Its arguments and results must be dense. Those in `shared` are not passed: they are read
-    from these arrays, which the caller may rewrite.
+    from these arrays, which the caller may rewrite. With `rows` the function is mapped, and
+    arguments and results have a row for each evaluation.
     """
 
-    def __init__(self, function: ca.Function, *shared: tuple[str, np.ndarray]) -> None:
+    def __init__(
+        self, function: ca.Function, *shared: tuple[str, np.ndarray], rows: int | None = None
+    ) -> None:
+        def zeros(size: int) -> np.ndarray:
+            return np.zeros(size if rows is None else (rows, size // rows))
+
         self._buffer, self._run = function.buffer()
         self._shared = arrays = dict(shared)  # kept alive: the buffer stores addresses only
         self._passed = []
         for i, name in enumerate(function.name_in()):
             array = arrays.get(name)
             if array is None:
-                array = np.zeros(function.numel_in(i))
+                array = zeros(function.numel_in(i))
                 self._passed.append(array)
             if array.size:
                 self._buffer.set_arg(i, array.data)  # type: ignore[call-arg]
-        self._results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
+        self._results = [zeros(function.numel_out(i)) for i in range(function.n_out())]
         for i, result in enumerate(self._results):
             if result.size:
                 self._buffer.set_res(i, result.data)  # type: ignore[call-arg]
@@ -476,7 +482,7 @@ _AT_ONCE = 512
 
 @lru_cache(maxsize=8)  # each holds buffers of 512 rows
 def _call_at(function: ca.Function, count: int, _thread: int) -> Call:
-    return Call(function.map(count))
+    return Call(function.map(count), rows=count)
 
 
 def at_rows(function: ca.Function, *rows: float | np.ndarray) -> list[np.ndarray]:
@@ -486,13 +492,13 @@ def at_rows(function: ca.Function, *rows: float | np.ndarray) -> list[np.ndarray
     """
     # an ordinary call takes eight times as long, for conversions
     m = len(np.asarray(rows[0]))
+    if 0 < m <= _AT_ONCE:
+        return [own.copy() for own in _call_at(function, m, get_ident())(*rows)]
     given = [np.broadcast_to(each, (m, function.numel_in(i))) for i, each in enumerate(rows)]
     found = [np.empty((m, function.numel_out(i))) for i in range(function.n_out())]
-    size = min(m, _AT_ONCE)
     for k in range(0, m, _AT_ONCE):
-        part = slice(min(k, m - size), k + size)  # the last is as long as the others
-        call = _call_at(function, size, get_ident())
-        values = call(*(each[part].ravel() for each in given))
+        part = slice(min(k, m - _AT_ONCE), k + _AT_ONCE)  # the last is as long as the others
+        values = _call_at(function, _AT_ONCE, get_ident())(*(each[part] for each in given))
         for whole, own in zip(found, values, strict=True):
-            whole[part] = own.reshape(size, -1)
+            whole[part] = own
     return found

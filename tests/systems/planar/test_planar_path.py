@@ -151,6 +151,9 @@ def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number
     obstacles = [random_obstacle(noise, kind) for kind in range(3)]
     task = between_poses(pose, pose, NEAR, obstacles=obstacles)
     room = task.step_room(pose, step, 0.0)
+    kept = float((task.room(step.placed(pose), 0.0) - step.margins).min())  # at all instants kept
+    assert (room < 0) == (kept < 0)
+    assert room <= kept + 1e-12 or kept < 0
     assert isinstance(step.motion, KinematicMotion)
     course = step.motion.course  # instants that the step does not keep
     places = step.motion.points(course.nodes, compose(pose, course.node_poses))

@@ -224,7 +224,7 @@ def size_of(crawl: Crawl) -> float:
 def errors_of(crawl: Crawl, rule: Quadrature) -> Errors:
     """Compute the crawl again by second routes."""
     crawler = crawl.course.crawler
-    fine = record(crawl, rule.nodes)
+    fine = record(crawl, rule.nodes, rule.motion)
     actuators = float(rule.weights @ (fine.actuators * fine.rates).sum(axis=1))
     pulled = float(rule.weights @ (fine.motion.twist @ crawler.load))
     size, length = max(crawl.work, 1e-300), size_of(crawl)

@@ -217,7 +217,7 @@ Obstacle = Disc | Wall | Capsule | Block
 def inside(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Return whether points (..., 2) are in a polygon (m, 2), by the crossings of a ray."""
     x, y = point[..., :1], point[..., 1:]
-    (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T
+    (x0, y0), (x1, y1) = corners.T, np.concatenate([corners[1:], corners[:1]]).T
     crosses = (y0 > y) != (y1 > y)
     rise = np.where(y1 == y0, 1.0, y1 - y0)
     return np.sum(crosses & (x < x0 + (y - y0) * (x1 - x0) / rise), axis=-1) % 2 == 1

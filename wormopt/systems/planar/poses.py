@@ -47,9 +47,12 @@ def inverse(pose: ArrayLike) -> np.ndarray:
 
 def rotate(angle: ArrayLike, vectors: ArrayLike) -> np.ndarray:
     """Rotate vectors (..., 2) to the left by angles (...,) in rad."""
-    c, s = np.cos(angle), np.sin(angle)
-    x, y = np.moveaxis(np.asarray(vectors, dtype=float), -1, 0)
-    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    c, s, vectors = np.cos(angle), np.sin(angle), np.asarray(vectors, dtype=float)
+    x, y = vectors[..., 0], vectors[..., 1]
+    first = c * x - s * y
+    turned = np.empty((*first.shape, 2))  # np.stack takes three times as long
+    turned[..., 0], turned[..., 1] = first, s * x + c * y
+    return turned
 
 
 @dataclass(frozen=True)

@@ -151,12 +151,12 @@ class Record:
     actuators: np.ndarray  # (m, n_s), their loads
 
 
-def record(crawl: Crawl, tau: np.ndarray) -> Record:
-    """Return a crawl at phases that ascend from 0."""
+def record(crawl: Crawl, tau: np.ndarray, motion: Motion | None = None) -> Record:
+    """Return a crawl at phases that ascend from 0; its motion there may be known."""
     course = crawl.course
     crawler = course.crawler
     shapes, rates = course.stroke.at(tau)
-    motion = motion_at(crawl, tau)
+    motion = motion or motion_at(crawl, tau)
     at = kinematics_at(crawler.shape, shapes)
     forces = rotate(at.headings, motion.forces)
     lengths = "length 1" in crawler.shape.names
@@ -179,6 +179,7 @@ class Quadrature:
     nodes: np.ndarray  # (q,)
     weights: np.ndarray  # (q,)
     poses: np.ndarray
+    motion: Motion  # at the nodes
 
 
 def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
@@ -192,13 +193,14 @@ def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
     ends = _halved(crawl, np.union1d(tau, breaks[~near_breaks]))
     rule, step = Collocation(_DEGREE), np.diff(ends)
     nodes = ends[:-1, None] + step[:, None] * rule.tau
-    twist = motion_at(crawl, nodes.ravel()).twist.reshape(*nodes.shape, 3) * step[:, None, None]
+    motion = motion_at(crawl, nodes.ravel())
+    twist = motion.twist.reshape(*nodes.shape, 3) * step[:, None, None]
     turned = np.concatenate([[0.0], np.cumsum(twist[..., 2] @ rule.B)])
     angle = turned[:-1, None] + twist[..., 2] @ rule.A.T
     way = np.einsum("kdc,d->kc", rotate(angle, twist[..., :2]), rule.B)
     poses = np.column_stack([np.vstack([np.zeros(2), np.cumsum(way, axis=0)]), turned])
     weights = (step[:, None] * rule.B).ravel()
-    return Quadrature(tau, nodes.ravel(), weights, poses[np.searchsorted(ends, tau)])
+    return Quadrature(tau, nodes.ravel(), weights, poses[np.searchsorted(ends, tau)], motion)
 
 
 def _halved(crawl: Crawl, ends: np.ndarray) -> np.ndarray:

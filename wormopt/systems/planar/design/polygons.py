@@ -97,7 +97,7 @@ class Steps:
     width: float = _WIDTHS[-1]  # final width of the potential, in usual powers
 
     @cached_property
-    def _functions(self) -> tuple[ca.Function, ca.Function]:
+    def _functions(self) -> tuple[ca.Function, ca.Function, ca.Function]:
         shape, width = self.shape, ca.SX.sym("width")
         potential = self.ground.potential(shape, width)
         power = self.ground.power(shape, width)
@@ -108,6 +108,7 @@ class Steps:
         by_both, by_twist = ca.gradient(power, both), ca.gradient(power, xi)
         slopes = [hessian, ca.jacobian(slope, both), power, by_twist, by_both]
         return (
+            ca.Function("potential", symbols, [potential]),
             ca.Function("newton", symbols, list(map(ca.densify, newton))),
             ca.Function("slopes", symbols, list(map(ca.densify, slopes))),
         )
@@ -146,7 +147,7 @@ class Steps:
     def _minimise(
         self, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float, near: float
     ) -> np.ndarray:
-        newton, _ = self._functions
+        potential, newton, _ = self._functions
         xi = xi.copy()
         slow = _SLOW * np.abs(rates).max(axis=1)  # where the head rests its twist is 0
         value, slope, hessian = at_rows(newton, xi, s, rates, width)
@@ -154,9 +155,9 @@ class Steps:
             step = -np.linalg.solve(_regular(hessian), slope[..., None])[..., 0]
             falls = np.einsum("mi,mi->m", slope, step)
             size, worse, found = np.ones(len(s)), np.ones(len(s), dtype=bool), [value]
-            for _ in range(30):
+            for halved in range(30):  # whole steps, of which most succeed, with their derivatives
                 tried = xi + size[:, None] * step
-                found = at_rows(newton, tried, s, rates, width)
+                found = at_rows(potential if halved else newton, tried, s, rates, width)
                 limit = value[:, 0] + 1e-4 * size * falls + 1e-13 * np.abs(value[:, 0])
                 worse = ~(found[0][:, 0] <= limit)
                 if not worse.any():
@@ -164,9 +165,9 @@ class Steps:
                 size[worse] /= 2
             size[worse] = 0.0
             xi = xi + size[:, None] * step
+            if len(found) == 1:
+                found = at_rows(newton, xi, s, rates, width)
             value, slope, hessian = found
-            if worse.any():
-                value, slope, hessian = at_rows(newton, xi, s, rates, width)
             moved = np.abs(size[:, None] * step).max(axis=1)
             if np.all(moved <= near * (np.abs(xi).max(axis=1) + slow)):
                 break
@@ -185,7 +186,7 @@ class Steps:
         xi, near, width = self.twists(s, rates)
         if not np.isfinite(xi).all():
             raise SolveError("no motion of least power was found along the stroke")
-        _, slopes = self._functions
+        *_, slopes = self._functions
         hessian, mixed, power, by_xi, by_both = at_rows(slopes, near, s, rates, width)
         hessian = _regular(hessian)
         mixed = mixed.reshape(-1, 2 * n_s, 3).transpose(0, 2, 1)

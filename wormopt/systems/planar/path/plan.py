@@ -70,11 +70,11 @@ def routes(
     order = 0
     root = _Node(np.array(task.start), 0.0, -1, -1, 0)
     nodes: list[_Node] = []
-    queue: list[tuple[float, int, _Node]] = [(float(bound(root.pose[None])[0]), 0, root)]
-    seen: set[tuple[int, ...]] = set()
+    key = _keys(task, root.pose[None], cell, 0)[0]
+    queue = [(float(bound(root.pose[None])[0]), 0, root, key)]
+    seen: set[tuple[float, ...]] = set()
     while queue and looked.poses < most:
-        _, _, node = heapq.heappop(queue)
-        key = _key(task, node, cell)
+        _, _, node, key = heapq.heappop(queue)
         if key is not None and key in seen:
             looked.pruned += 1
             continue
@@ -97,11 +97,12 @@ def routes(
             yield Route(_steps_to(nodes, node), node.cost, node.pose)
         after = compose(node.pose, moves)
         least = np.round((node.cost + costs + bound(after)) / unit) * unit
+        keys = _keys(task, after, cell, passed)
         for k in range(len(steps)):
             if np.isfinite(least[k]):
                 order += 1
                 child = _Node(after[k], node.cost + costs[k], len(nodes) - 1, k, passed)
-                heapq.heappush(queue, (float(least[k]), order, child))
+                heapq.heappush(queue, (float(least[k]), order, child, keys[k]))
     looked.exhausted = not queue
 
 
@@ -136,13 +137,16 @@ def _steps_to(nodes: list[_Node], node: _Node) -> tuple[int, ...]:
     return tuple(reversed(found))
 
 
-def _key(task: PathTask, node: _Node, cell: tuple[float, float]) -> tuple[int, ...] | None:
-    """Return the cell of a pose; the start is in the middle of one, so rotations do not matter."""
+def _keys(
+    task: PathTask, poses: np.ndarray, cell: tuple[float, float], passed: int
+) -> list[tuple[float, ...] | None]:
+    """Return the cells of poses (m, 3) after `passed` via points; None for each without cells."""
     if cell[0] <= 0 or cell[1] <= 0:
-        return None
-    off = compose(inverse(task.start), node.pose) / _ODD
-    x, y = np.rint(off[:2] / cell[0])
-    return (int(x), int(y), round(float(wrapped(off[2])) / cell[1]), node.passed)
+        return [None] * len(poses)
+    # the start is in the middle of a cell, so rotations do not matter
+    off = compose(inverse(task.start), poses) / _ODD
+    off[:, 2] = wrapped(off[:, 2])
+    return [(*place, passed) for place in np.rint(off / [cell[0], *cell]).tolist()]
 
 
 def _bound(

@@ -83,6 +83,12 @@ class GaitStep:
         return middle, float(far + self.slack.max())
 
     @cached_property
+    def reach(self) -> float:
+        """Largest distance of any point of the body from its place at the end."""
+        moved = np.linalg.norm(self.points - self.points[-1], axis=-1)
+        return float(moved.max() + self.slack.max())
+
+    @cached_property
     def margins(self) -> np.ndarray:
         """Largest excess of the distance at an instant over those near it, (K + 1,)."""
         return np.maximum(np.append(self.slack, 0.0), np.append(0.0, self.slack))

@@ -146,6 +146,8 @@ class PathTask(Route, kw_only=False):
     def step_room(self, pose: np.ndarray, step: GaitStep, radius: float) -> float:
         """Return the least room over all instants of a step from a pose, bounded from below.
 
+        If the body touches something at the end, only the end counts.
+
         Parameters
         ----------
         pose : ndarray, shape (3,)
@@ -167,6 +169,13 @@ class PathTask(Route, kw_only=False):
                 least = min(least, apart)
         if not near and self.corridor is None:
             return least
+        # the end decides most steps: it touches, or is farther away than the body moves
+        end = pose[:2] + rotate(pose[2], step.points[-1])
+        at_end = float(self.room(end, radius, near))
+        if at_end < step.margins[-1]:
+            return at_end - float(step.margins[-1])
+        if at_end >= step.reach:
+            return min(least, at_end - step.reach)
         rooms = self.room(step.placed(pose), radius, near) - step.margins
         return min(least, float(rooms.min()))
 

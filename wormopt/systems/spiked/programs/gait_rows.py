@@ -234,8 +234,8 @@ class GaitRows:
     ) -> tuple[list[Term], list[Product]]:
         """Coefficient k of h times a form on some arcs: linear terms, and products for the drag."""
         v, h, degree = self.v[at], self.h[at], self.degree
-        dragged = np.flatnonzero(form.beta * self.limits.drag)
-        raised = len(dragged) > 0
+        dragged = form.dragged if self.limits.drag else []
+        raised = bool(dragged)
         steps = [(k + 1, k, degree - k if raised else degree)]
         if raised:
             steps.append((k, k - 1, k))
@@ -243,7 +243,7 @@ class GaitRows:
             (v[:, end, i], sign * weight * form.alpha[i])
             for later, sooner, weight in steps
             if weight
-            for i in np.flatnonzero(form.alpha)
+            for i in form.moving
             for end, sign in ((later, 1.0), (sooner, -1.0))
         ]
         products: list[Product] = [
@@ -252,7 +252,7 @@ class GaitRows:
         return linear, products
 
     def _coefficients(self, form: Form) -> range:
-        dragged = np.any(form.beta * self.limits.drag)
+        dragged = self.limits.drag and form.dragged
         return range(self.degree + 1 if dragged else self.degree)
 
     def _add_form(self, form: Form, at: slice) -> None:
@@ -453,7 +453,7 @@ class CostColumns:
         load += float(weight @ limits.beyond)
         form = limits.weighted(weight)
         steps = [(v[:, end, i], s * form.alpha[i]) for end, s in ((1, 1.0), (0, -1.0))
-                 for i in np.flatnonzero(form.alpha)]  # fmt: skip
+                 for i in form.moving]  # fmt: skip
         push = [(self.program.h[at], load), *steps]
         pushes = [push, push]
         if self.dragged:

@@ -29,6 +29,16 @@ class Form:
     below: float = np.inf  # left below the value at rest; infinite: no limit
     above: float = np.inf  # left above the value at rest; infinite: no limit
 
+    @cached_property
+    def moving(self) -> list[int]:
+        """Masses whose accelerations count."""
+        return np.flatnonzero(self.alpha).tolist()
+
+    @cached_property
+    def dragged(self) -> list[int]:
+        """Masses whose drags count."""
+        return np.flatnonzero(self.beta).tolist()
+
 
 @dataclass(eq=False)
 class ScaledLimits:
@@ -88,9 +98,15 @@ class ScaledLimits:
 
     def binding(self, resting: Resting) -> list[Form]:
         """`forms` without limits on forces that cannot be reached."""
-        forms = self.forms(resting)
-        links, forces = forms[: self.links], forms[self.links :]
-        return [*links, *(self._binding(form, resting) for form in forces)]
+        if resting not in self._known:  # programs of a search ask again and again
+            forms = self.forms(resting)
+            links, forces = forms[: self.links], forms[self.links :]
+            self._known[resting] = [*links, *(self._binding(form, resting) for form in forces)]
+        return self._known[resting]
+
+    @cached_property
+    def _known(self) -> dict[Resting, list[Form]]:
+        return {}
 
     def _binding(self, form: Form, resting: Resting) -> Form:
         """The form without the side that accelerations and drag cannot reach."""
