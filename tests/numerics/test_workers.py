@@ -126,6 +126,11 @@ def test_what_is_not_done_is_dropped_with_its_processes():
         ready(workers)
         for _ in workers.as_completed(slept, [0.01, 60.0, 60.0]):
             break
+    with Workers(2) as workers:
+        beside = workers.start(slept, 60.0)
+    with Workers(2) as workers:  # the processes that slept are no longer there
+        ready(workers)
+    assert callable(beside)
     assert time.monotonic() - begin < 30
 
 

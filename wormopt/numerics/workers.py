@@ -118,6 +118,7 @@ class Workers:
             self._local = self.count == 1
         self._begun: list[Future] = []
         self._asked = deque[Future]()
+        self._beside: list[Future] = []  # started
         self._died = 0
 
     def map(self, work: Callable[[Job], Answer], jobs: Sequence[Job]) -> Iterator[Answer]:
@@ -164,7 +165,7 @@ class Workers:
         if self._local:
             return partial(work, job)
         self._submit(work, [job])
-        future = self._asked.popleft()
+        self._beside.append(future := self._asked.popleft())
 
         def answer() -> Answer:
             try:
@@ -215,14 +216,14 @@ class Workers:
 
     def close(self) -> None:
         """Drop jobs that are not done; processes working on them end."""
-        if any(not future.done() for future in self._asked):
-            if _cluster is not None:
-                for future in self._asked:
-                    future.cancel()
-            else:
-                _executors.pop((os.getpid(), self.count), None)
-                self._executor.shutdown(wait=False, kill_workers=True)
+        working = [future for future in (*self._asked, *self._beside) if not future.done()]
+        if working and _cluster is None:
+            _executors.pop((os.getpid(), self.count), None)
+            self._executor.shutdown(wait=False, kill_workers=True)
+        for future in working if _cluster else ():
+            future.cancel()
         self._asked.clear()
+        self._beside.clear()
 
     def __enter__(self) -> Workers:
         return self

@@ -322,7 +322,7 @@ def distances(one: Curve, other: Curve) -> tuple[float, float]:
     for bound, series in sorted(zip(above, pieces, strict=True), key=itemgetter(0), reverse=True):
         if bound <= largest:
             break
-        largest = max(largest, float(series.extremes()[1][0]))
+        largest = float(np.maximum(largest, series.extremes()[1][0]))  # NaN stays
     mean = sum(float(series.integral()[0]) for series in pieces)
     return float(np.sqrt(largest)), float(np.sqrt(max(mean, 0.0)))
 

@@ -403,9 +403,10 @@ class CoilDesign(OverCoils, kind="coil-design"):
         return self.second_integrator()
 
     def _complete(self) -> Result:
-        # takes longer than all other work after the contest
-        _ = self.contest, self.second_integrator
-        return super()._complete()
+        _ = self.contest
+        with self.workers:  # an interrupt or a failure ends the job
+            _ = self.second_integrator  # takes longer than all other work after the contest
+            return super()._complete()
 
     @check(
         1e-2,

@@ -41,10 +41,11 @@ _ARGUMENTS = {
     "field": "NEXT(field[N * ({0} / 2) + {0} % 2])",
     "common": "ALL(common[{}])",
 }
+_JACOBIANS = ["jac:ode:x", "jac:alg:x", "jac:ode:z", "jac:alg:z"]
 _FUNCTIONS = {
     "dae": ("t x z p u", "ode alg quad zero"),
     "daeF": ("t x z p u", "ode alg"),
-    "jacF": ("t x z p u", "jac_ode_x jac_alg_x jac_ode_z jac_alg_z"),
+    "jacF": ("t x z p u", " ".join(_JACOBIANS).replace(":", "_")),
 }  # names that CasADi's integrators look for
 
 
@@ -83,10 +84,12 @@ def compiled(setup: FilmSetup, layout: Layout) -> ca.Function | None:
     if text is None:
         return None
     try:
-        found = library("film", [*parts(*HEADERS), ("film.c", text)])
-        return ca.external("dae", found._name)  # noqa: SLF001  where ctypes keeps the path
+        built = library("film", [*parts(*HEADERS), ("film.c", text)])
+        found = ca.external("dae", built._name)  # noqa: SLF001  where ctypes keeps the path
+        found.factory("jacF", [*"txzpu"], _JACOBIANS)  # as CVODES asks for it
     except (CompilerError, RuntimeError):  # on Windows CasADi refuses some characters in the path
         return None
+    return found
 
 
 def simulate_film(
@@ -155,7 +158,7 @@ def _local(setup: FilmSetup, sums: int) -> tuple[ca.Function, ca.Function]:
         layer.fluid, pair.by_terms(h[_OWN], terms), slope, own_field=setup.own_field
     )
     P = by_h / layer.step - pull
-    # the sums of `dragged` over faces have but the own one, where others have neither V nor G
+    # without velocity and gradient on all other faces, each sum is the term of this face
     own = np.eye(_CELLS - 1)[_NEAR]
     flow, shear, lost = dragged(window, cargo, h, X, own * V, own * ((P[1] - P[0]) / layer.step))
     at = ca.SX.sym("X")
@@ -228,7 +231,7 @@ def _sparsities(cells: int, layout: Layout) -> dict[str, ca.Sparsity]:
 
 
 def _described(sparsities: dict[str, ca.Sparsity]) -> list[str]:
-    """Return C functions that tell CasADi names and sparsities of inputs and outputs."""
+    """Return C functions that describe names and sparsities of inputs and outputs to CasADi."""
     lines = []
     for function, sides in _FUNCTIONS.items():
         for side, text in zip(("in", "out"), sides, strict=True):

@@ -27,7 +27,8 @@ _AGREED, _TOLERANCES, _LARGEST = 1e-7, 1e3, 1e-2
 # What the second route has in common with the first.
 _SHARED = {
     "cvodes": "the model",
-    "python": "the model; the rules for steps, events and contact modes, though not their code",
+    "python": "the model; the coefficients of the steps; the rules for steps, events and contact "
+    "modes, though not their code",
     "radau": "the model; the rules for events and contact modes, though not their code",
     "steps without events": "the model",
 }
@@ -40,7 +41,8 @@ _SPENT_IN_PYTHON, _STIFF = 10_000, 10_000
 # with more steps than this, only the first ones are checked.
 _LONG = 30_000
 # Most implicit steps of a check in Python, which cost twice an explicit one, and their tolerance
-# as a share of the accepted error. Where it disagrees, that of the first route decides.
+# as a share of the accepted error. If the routes disagree, the check is repeated with the tolerance
+# of the first route.
 _IMPLICIT, _ROUGH = 4_000, 1e-2
 
 
@@ -72,6 +74,11 @@ class CrossCheck:
         return ""
 
     @property
+    def reach(self) -> float:
+        """Time up to which the routes are compared; infinite: to the end."""
+        return np.inf if self.until is None else self.until
+
+    @property
     def check(self) -> Check:
         """Check of a trust report."""
         return Check("second route", self.error, self.accepted, self.fault, not self.fault)
@@ -98,8 +105,8 @@ def cross_check(
     None if `recheck` is False. With "independent", exact contact is simulated by steps without
     events. Otherwise smooth systems are simulated by CasADi's implicit integrators, exact contact
     and switches by the Python event loop. If that was already the first method, it runs again
-    with a tenth of `tolerance`. A comparison that would take Python too long ends early, at the
-    reported time `until`.
+    with a tenth of `tolerance`. Implicit steps in Python are as accurate as the comparison needs. A
+    comparison that would take Python too long ends early, at the reported time `until`.
     """
     if not recheck:
         return None
@@ -116,7 +123,7 @@ def cross_check(
         relative = max(tolerance.relative / 10, 1e-14)
         tolerance = replace(tolerance, relative=relative, absolute=tolerance.absolute / 10)
 
-    def compared(implicit: Tolerance) -> CrossCheck:
+    def compared(implicit: Tolerance, most: int) -> CrossCheck:
         def again(by: Route, until: float, most: int) -> Trajectory:
             return simulate(
                 model,
@@ -135,7 +142,7 @@ def cross_check(
             if route == "cvodes" and motion.n_steps > _LONG:
                 begun = _begun(again, motion)
                 until, first = begun.end_time, begun.end
-            second, through = _as_far_as_it_goes(again, route, motion, until, tolerance)
+            second, through = _as_far_as_it_goes(again, route, motion, until, tolerance, most)
             if not through:  # the stored first motion is only as exact as its interpolation
                 until = second.end_time
                 first = again("auto", until, motion.n_steps + motion.n_rejected + 1).end
@@ -150,11 +157,15 @@ def cross_check(
         return CrossCheck(by, float(error), accepted, own, until=until)
 
     if label != "radau":
-        return compared(tolerance)
+        return compared(tolerance, _IMPLICIT)
     enough = _ROUGH * accepted
     relative, absolute = max(tolerance.relative, enough), max(tolerance.absolute, enough)
-    found = compared(replace(tolerance, relative=relative, absolute=absolute))
-    return compared(tolerance) if found.fault else found
+    found = compared(replace(tolerance, relative=relative, absolute=absolute), _IMPLICIT)
+    if not found.fault:
+        return found
+    exact = compared(tolerance, _SPENT_IN_PYTHON)
+    # agreement up to an earlier time does not excuse a later disagreement
+    return found if found.error is not None and exact.reach < found.reach else exact
 
 
 def _begun(again: Callable[[Route, float, int], Trajectory], motion: Trajectory) -> Trajectory:
@@ -195,11 +206,15 @@ def _as_far_as_it_goes(
     motion: Trajectory,
     until: float | None,
     tolerance: Tolerance,
+    implicit: int,
 ) -> tuple[Trajectory, bool]:
-    """Simulate by a second method until some time, the end if None; also whether it got there."""
+    """Simulate by a second method until some time, the end if None; also whether it got there.
+
+    `implicit`: most implicit steps in Python.
+    """
     most = _MORE_STEPS * tolerance.max_steps
     if route == "radau":
-        most = _IMPLICIT
+        most = implicit
     elif route == "python":
         most = max(_SPENT_IN_PYTHON, 2 * motion.n_steps if motion.n_steps <= _STIFF else 0)
     try:
@@ -211,7 +226,7 @@ def _as_far_as_it_goes(
         # Newton steps may fail where explicit steps work, and implicit ones may miss a layer
         elif route == "radau" or error.code == "layer_not_resolved":
             short = replace(motion, n_steps=0)
-            return _as_far_as_it_goes(again, "python", short, until, tolerance)
+            return _as_far_as_it_goes(again, "python", short, until, tolerance, implicit)
         raise
 
 

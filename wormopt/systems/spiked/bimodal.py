@@ -65,7 +65,8 @@ def integrate(
     """Integrate eq. 7 from w = 0 until periodic, and return the last period. Raises SolveError.
 
     With unequal masses, mean(m) w' + k w + sigma = lambda and sigma = p' + k W0 + Γ, where p is the
-    mean of m_i v_i at w = 0. Without load and drag, w + const is a solution too. `rtol` ≥ 3e-14.
+    mean of m_i v_i at w = 0. Without load and drag, w + const is a solution too. `rtol` must be at
+    least 3e-14.
     """
     if len(mass) != gait.links + 1:
         raise ArgumentError(f"{len(mass)} masses for {gait.links} links; write {gait.links + 1}")

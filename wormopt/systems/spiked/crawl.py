@@ -96,7 +96,7 @@ class Crawl(SampledMotion):
         return "link" if len(self[name]) == self.gait.links else "mass"
 
     def quantities(self, stretch: Stretch, s: np.ndarray) -> np.ndarray:
-        """All signals of a stretch at times `s` (m,) since its piece began, shape (rows, m)."""
+        """Rows (rows, m), signal after signal, at times `s` (m,) since the piece began."""
         return np.vstack([*self._signals(stretch, s).values()])
 
     def _signals(self, stretch: Stretch, s: np.ndarray) -> dict[str, np.ndarray]:

@@ -72,7 +72,8 @@ class GaitDesign(DesignTable, kind="gait-design"):
     cycle, `period` long. `objective`, `bound`, `discretisation_error`, `proof_bound` and
     `proof_value` have the quantity of the objective. The attribute `limits` holds the lists `name`,
     `value`, `unit` and `one_sided` in the order of `limit_elasticity`, and `objective`.
-    `limit_elasticity` is the relative sensitivity of the objective to each limit, 0 for one of 0.
+    `limit_elasticity` is the relative sensitivity of the objective to each limit (0 for a limit
+    of 0).
 
     **Sensitivities.** The scalars `sensitivity.KEY` give the change of the objective per unit of
     each number in `[gait]`, `[worm]` and `objective.speed`. They show which limits bind the gait:

@@ -66,8 +66,8 @@ class Region:
             return 0.0
         if drag == load == 0:
             return math.inf
-        # Drag only helps: full drag at the largest inertia gives the shortest period, none the
-        # longest.
+        # Drag only helps: full drag at the largest inertia gives the shortest period, no drag
+        # the longest.
         period = self.drive.gait.period
         short = 2 * inertia * period / (drag + math.sqrt(drag**2 + 4 * inertia * load))
         long = period * math.sqrt(inertia / load) if load else 1e9 * short

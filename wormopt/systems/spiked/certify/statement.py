@@ -124,7 +124,7 @@ class Statement:
     ) -> float:
         """Bound on the speed: half the sum of the links' largest mean rates.
 
-        It holds: V_0 + V_n <= Σ |V_j-1 - V_j|, and no link covers its stroke twice in less time.
+        V_0 + V_n <= Σ |V_j-1 - V_j|, and no link covers its stroke twice in less time.
         """
         total = 0.0
         for j, stroke in enumerate(strokes):

@@ -558,7 +558,8 @@ def canonical_gait(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Tr
     Returns the trial in its canonical order of rest, as a vertex of its own program, and the chosen
     gait, whose value is lower by at most a share of 1e-11 and which meets limits as exactly. Both
     are the trial itself where the optimum is unique: for smooth objectives, with drag, or where the
-    velocities of all masses are those of one. `turn`: it may begin elsewhere or be mirrored.
+    velocities of all masses are those of one. `turn`: the order may begin with another phase or
+    be mirrored.
     """
     task = trier.task
     if task.objective.is_smooth or task.worm.drag or isinstance(trial.program, WaveProgram):

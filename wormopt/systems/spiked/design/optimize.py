@@ -163,14 +163,24 @@ def _from_the_fastest(
     report: Report,
     better: Callable[[Trial], None],
 ) -> Survey:
-    """Search again from the fastest gaits if these reach the required speed, else only say why."""
+    """Search again from the fastest gaits if these reach the required speed; else `survey`."""
     fast = search(structs.replace(task, objective=Objective()), _left(settings, survey), report)
-    required, spent = task.objective.speed or 0.0, sum(fast.seconds.values())
-    survey = replace(survey, seconds=survey.seconds | {"fastest gaits": spent}, ended=fast.ended)
-    if not fast.trials or fast.trials[0].value < required:
+    spent = {"fastest gaits": sum(fast.seconds.values())}
+    survey = replace(survey, seconds=survey.seconds | spent)
+    if fast.ended in ("interrupted", "time limit"):
+        return replace(survey, ended=fast.ended)
+    if not fast.trials or fast.trials[0].value < (task.objective.speed or 0.0):
         return survey
     known = replace(fast.known(_FASTEST), poor=frozenset())
-    return search(task, _left(settings, survey), report, known, better)
+    found = search(task, _left(settings, survey), report, known, better)
+    again = {stage: s + survey.seconds.get(stage, 0.0) for stage, s in found.seconds.items()}
+    return replace(
+        found,
+        tried=survey.tried | found.tried,
+        varied=survey.varied + found.varied,
+        programs=survey.programs + fast.programs + found.programs,
+        seconds=survey.seconds | again,
+    )
 
 
 def _left(settings: Search, survey: Survey) -> Search:

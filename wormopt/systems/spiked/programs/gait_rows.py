@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from inspect import signature
 from typing import Any, Self
 
 import numpy as np
@@ -74,7 +75,8 @@ def least_patterns(
 ) -> list[Pattern]:
     """Patterns of the least split for the forces `needed` (arcs, n + 1) on the masses.
 
-    With `olds`, masses for which two patterns hold get the other one. `full`: the spikes' limits.
+    With `olds`, masses for which two patterns hold get the other one. `full`: largest
+    loads of the spikes.
     """
     bare, total, held = -np.cumsum(needed, axis=1).T, needed.sum(axis=1), list(resting)
     loads = share_load(total, bare, resting, "least_actuation", full)
@@ -121,9 +123,6 @@ def _flipped(
 _MOST_COST = 1e6
 # Accelerations, as shares of the limit, whose tangents bound the effort from below.
 _TANGENTS = (0.03, 0.07, 0.13, 0.22, 0.35, 0.5, 0.75, 1.0)
-
-
-_ARGUMENTS = ("task", "sequence", "period", "arcs", "degree", "patterns", "like")
 
 
 class GaitRows:
@@ -411,6 +410,9 @@ def has_cost_columns(task: GaitProblem) -> bool:
 def is_energy(task: GaitProblem) -> bool:
     """Whether the cost of a task is the energy absorbed by actuators."""
     return has_cost_columns(task) and task.objective.minimise == "energy_per_distance"
+
+
+_ARGUMENTS = tuple(signature(GaitRows).parameters)
 
 
 @dataclass(eq=False)

@@ -17,7 +17,7 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import resolve
 from wormopt.systems.spiked.stepper.stepper import Stepper, demand
 from wormopt.systems.spiked.stretches import exact_degree
-from wormopt.tables import parse_table
+from wormopt.tables import Wrong, parse_table
 
 # Share of a microstep by which a level must be passed, so that a length that only touches it causes
 # no step to and fro.
@@ -260,8 +260,10 @@ def csv_text(steps: Steps) -> str:
 
 def read_csv(text: str) -> Steps:
     """Read the text of `csv_text`."""
-    table = parse_table(text, [], time="time_s")
+    wrong = list[Wrong]()
+    table = parse_table(text, wrong, time="time_s")
     assert table is not None
+    assert not wrong
     about = dict(remark.split(":", 1) for remark in table.remarks if ":" in remark)
     time, motor, direction = (np.array(column) for column in table.values.values())
     start = np.array([float(v) for v in about["length_at_start_m"].split(",")])
