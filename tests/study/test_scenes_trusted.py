@@ -103,6 +103,7 @@ def test_a_check_that_would_take_for_ever_ends_where_it_is_and_still_sees_what_i
 ):
     monkeypatch.setattr(proof, "_STIFF", 20)
     monkeypatch.setattr(proof, "_SPENT_IN_PYTHON", 500)
+    monkeypatch.setattr(proof, "_IMPLICIT", 50)
     scene = load_scene(write(tmp_path, TRACK), ["want=[]"])
     result = wo.run(scene)
     assert result.status == "ok"
