@@ -413,19 +413,18 @@ def first_orders(task: GaitProblem) -> list[Sequence_]:
     """First orders of every search, for any number of links.
 
     Head and tail in turn, with and without a block between; the ceiling's resting sets in every
-    order; travelling waves, also of more resting masses if these share a load. For a cost, one mass
-    more also rests for a while at each end, or between two phases (the fastest gaits rest less).
+    order; travelling waves. Where resting masses share a load, one mass more also rests for a while
+    at each end, or between two phases, and waves also have more resting masses.
     """
     n, fewest = task.worm.links, task.limits.resting
     found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]
     blocks = {a: tuple(block_wave_sequence(n, a)) for a in task.resting_sizes}
     found += blocks.values()
     waves = wave_orders(n, fewest)
-    if task.objective.minimise is not None:
-        if fewest + 1 in blocks:
-            found.append(_relieved_ends_in_turn(n, fewest))
-        if n <= _HANDED_OVER:
-            waves += [_handed_over(wave) for a, wave in blocks.items() if a + 1 in blocks]
+    if fewest + 1 in blocks:
+        found.append(_relieved_ends_in_turn(n, fewest))
+    if n <= _HANDED_OVER:
+        waves += [_handed_over(wave) for a, wave in blocks.items() if a + 1 in blocks]
     if not is_mirror_symmetric(task):
         waves += [mirrored(wave, n + 1) for wave in waves]
     return [s for s in dict.fromkeys([*found, *waves]) if is_gait(s)]
