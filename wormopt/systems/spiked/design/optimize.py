@@ -207,6 +207,11 @@ def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) ->
             for period in periods:
                 report(f"solving again for a cycle of {period:g}", 0.96)
                 trials += _held(task, start, period)
+            if not trials and task.objective.speed is not None:
+                # these cycles may be too slow; that of the fastest gait is not
+                left = _left(settings, free.survey)
+                fast = designed(structs.replace(task, objective=Objective()), left, report)
+                trials += _held(task, fast.trial or fast.survey.trials[0], fast.period)
         except KeyboardInterrupt:
             if not trials:
                 raise

@@ -212,14 +212,18 @@ class Trier:
             fast = self._fast_enough(required, sequence, period, durations, random, patient=patient)
             if fast is None:
                 return None
-            same = fast.program
-            program = type(same)(self.task, same.sequence, period, same.arcs, same.degree)
-            if has_cost_columns(self.task):
-                # a smooth cost needs the motion itself, which is feasible here too
-                begin = program.moving(*same.motion(fast.point))
-            else:
-                begin = program.start_arcs(same.widths(fast.point))
+            program, begin = self._as_fast_as(fast)
         return begin and self.climbed(Trial(program, begin), enough=enough)
+
+    def _as_fast_as(self, fast: Trial) -> tuple[GaitProgram, Point | None]:
+        """The program of the cost for the arcs of a fast trial, and a start at their durations."""
+        same = fast.program
+        period = same.period
+        program = type(same)(self.task, same.sequence, period, same.arcs, same.degree)
+        if has_cost_columns(self.task):
+            # a smooth cost needs the motion itself, which is feasible here too
+            return program, program.moving(*same.motion(fast.point))
+        return program, program.start_arcs(same.widths(fast.point))
 
     def _fast_enough(
         self,
@@ -291,6 +295,22 @@ class Trier:
         """The trial with the split of least actuation instead of any split; None if it has none."""
         if not any(split_matters(self.task, resting) for resting in trial.sequence):
             return trial
+        best = self._split(trial)
+        required = self.task.objective.speed
+        if required is not None:
+            # durations of the least cost with any split may not suit this one: those of a fast gait
+            of, durations = trial.program, trial.durations
+            fast = self._fast_enough(required, of.sequence, of.period, durations, None, patient=True)
+            for _ in range(_CUTS if fast else 0):
+                program, start = self._as_fast_as(fast)
+                found = start and self._split(replace(trial, program=program, point=start))
+                if found is not None and (best is None or found.value > best.value):
+                    best = found
+                fast = self.finer(fast)
+        return best and self._other_patterns(best)
+
+    def _split(self, trial: Trial) -> Trial | None:
+        """Climb with the durations of a trial and the patterns of its split, or simple ones."""
         program, found = trial.program, []
         widths = program.widths(trial.point)
         for patterns in (program.least_patterns(trial.point), *program.simple_patterns()):
@@ -298,8 +318,7 @@ class Trier:
             start = own.start_arcs(widths)
             if start is not None:
                 found.append(self.climbed(replace(trial, program=own, point=start)))
-        best = max(found, key=lambda t: t.value, default=None)
-        return best and self._other_patterns(best)
+        return max(found, key=lambda t: t.value, default=None)
 
     def _other_patterns(self, trial: Trial, tolerance: float = 1e-3) -> Trial:
         """Continue the climb with the other pattern wherever two hold, while that helps."""
@@ -353,5 +372,5 @@ _LONGEST, _SHORTEST = 20.0, 1e-4
 _NEARLY, _MOST_FINER, _MOST_STRAIGHT, _AMPLY = 0.95, 3, 7, 1.02
 # Degree of velocities with drag, which bends them.
 BENT = 3
-# Largest number of rounds with other patterns of unloaded spikes.
-_FLIPS = 4
+# Largest numbers of rounds with other patterns of unloaded spikes, and of meshes for the first ones.
+_FLIPS, _CUTS = 4, 4
