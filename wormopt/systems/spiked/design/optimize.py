@@ -131,6 +131,14 @@ def designed(
         )
     begin = perf_counter()
     survey = search(task, settings, report, known, better)
+    if not survey.trials and survey.bounded and required is not None:
+        keys = [key for key in _RELAXATIONS if _relaxed(task, {key: _FULL}) != task]
+        given = [task.key_of(key) for key in keys if key != "objective.speed"]
+        raise SolveError(
+            f"objective.speed = {required:g} is above {survey.bounded.bound:.9g}, the proven bound "
+            "on the speed of every gait",
+            f"design the fastest gait to see which speeds exist, or relax {' or '.join(given)}",
+        )
     if not survey.trials and survey.ended == "searched" and required is not None and not known:
         survey = _from_the_fastest(task, settings, survey, report, better)
     is_still = (

@@ -18,6 +18,7 @@ from time import monotonic
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import structs
 
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report
@@ -35,7 +36,7 @@ from wormopt.systems.shared.sequences import (
     wave_orders,
 )
 from wormopt.systems.spiked.certify.bound import Bounded, at_once
-from wormopt.systems.spiked.gait_problem import GaitProblem, Search
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search
 from wormopt.systems.spiked.programs.gait_rows import is_energy
 from wormopt.systems.spiked.programs.scaled_limits import scaled
 from wormopt.systems.spiked.search.orders import (
@@ -96,6 +97,7 @@ class Race:
     poor: frozenset[Sequence_] = frozenset()  # canonical orders that are not tried as variations
     varied: int = 0  # number of orders that are variations of others
     enough: float = np.inf  # value close enough to a proven bound
+    bounded: Bounded | None = None  # bound on the speed, if it ends the search
 
     def __post_init__(self) -> None:
         self._best: Trial | None = None
@@ -403,9 +405,9 @@ def search(
     places = _PLACES * effort_of(settings).width
     race = Race(task, trier, workers, report, better, places, poor=known.poor)
     ended, seconds, since = "searched", dict[str, float](), monotonic()
-    bounded = at_once(task) if settings.sequence is None else None
-    if bounded is not None:
-        race.enough = bounded.bound / (1.0 + settings.gap)
+    race.bounded = at_once(task) if settings.sequence is None else None
+    if race.bounded is not None:
+        race.enough = race.bounded.bound / (1.0 + settings.gap)
     try:
         for stage in _steps(race, settings, known.good):
             now = monotonic()
@@ -421,11 +423,11 @@ def search(
     finally:
         race.close()
     ranking = tuple(sorted([*race.ranking, *race.others], key=rank))
-    if ended == "searched" and race.is_proven:
+    if ended == "searched" and (race.is_proven or (race.bounded and not ranking)):
         ended = "proven"
     tried = frozenset(race.trials)
     counts = race.varied, trier.programs
-    return Survey(task, ranking, tried, *counts, ended, seconds, bounded)
+    return Survey(task, ranking, tried, *counts, ended, seconds, race.bounded)
 
 
 def _effort(race: Race, settings: Search) -> Effort:
@@ -449,6 +451,11 @@ def _steps(race: Race, settings: Search, good: Sequence[Start]) -> Iterator[str]
         yield stage
     race.promote(0, 1)
     yield "constructed orders"
+    if not race.ranking and task.objective.speed is not None:
+        bounded = at_once(structs.replace(task, objective=Objective()))
+        if bounded and bounded.bound < task.objective.speed:
+            race.bounded = bounded
+            return
     if not race.long:  # their orders are too many and their ceilings too expensive
         yield from _until_proven(race, _plain(race, settings))
     yield from _until_proven(race, _vary(race, settings))

@@ -300,7 +300,9 @@ class Trier:
         if required is not None:
             # durations of the least cost with any split may not suit this one: those of a fast gait
             of, durations = trial.program, trial.durations
-            fast = self._fast_enough(required, of.sequence, of.period, durations, None, patient=True)
+            fast = self._fast_enough(
+                required, of.sequence, of.period, durations, None, patient=True
+            )
             for _ in range(_CUTS if fast else 0):
                 program, start = self._as_fast_as(fast)
                 found = start and self._split(replace(trial, program=program, point=start))
