@@ -152,6 +152,21 @@ def test_a_speed_that_no_gait_reaches_is_named():
         design(G1_WORM, G1_LIMITS, "peak_spike_load", 0.9, search=OWN)
 
 
+@pytest.mark.parametrize("share", [0.99, 0.9999])
+def test_a_cost_at_nearly_the_fastest_speed_begins_with_the_fastest_motion(share: float):
+    """With drag the velocities bend, and a climb from its durations alone ends below this speed."""
+    worm = Worm(links=2, mass=(0.939, 1.0, 1.66), drag=83.5, load=85.3)
+    limits = Limits(period=0.265, length=(0.73, 1.03), rate=1.45, acceleration=72.9)
+    fast = design(worm, limits, search=Search(effort="quick", sequence=((0,), (1,), (2,))))
+    task = GaitProblem(worm, limits, Objective("peak_spike_load", share * fast.speed))
+    assert fast.trial is not None
+    found = trial.Trier(task).with_the_motion(fast.trial)
+    assert found is not None
+    motion = crawl(found.gait, worm.masses, worm.drag, worm.load)
+    assert motion.speed >= share * fast.speed * (1 - 1e-8)
+    assert motion.peak_load <= fast.motion.peak_load
+
+
 # -- scenes --------------------------------------------------------------------------------------
 
 FAST = "design_fast_gait"

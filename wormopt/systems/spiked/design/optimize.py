@@ -172,23 +172,31 @@ def _from_the_fastest(
     better: Callable[[Trial], None],
 ) -> Survey:
     """Search again from the fastest gaits if these reach the required speed; else `survey`."""
-    fast = search(structs.replace(task, objective=Objective()), _left(settings, survey), report)
-    spent = {"fastest gaits": sum(fast.seconds.values())}
+    fast = _fastest(task, settings, survey, report)
+    spent = {"fastest gaits": sum(fast.timings_s.values())}
     survey = replace(survey, seconds=survey.seconds | spent)
     if fast.ended in ("interrupted", "time limit"):
         return replace(survey, ended=fast.ended)
-    if not fast.trials or fast.trials[0].value < (task.objective.speed or 0.0):
+    if fast.trial is None or fast.trial.value < (task.objective.speed or 0.0):
         return survey
-    known = replace(fast.known(_FASTEST), poor=frozenset())
+    known = replace(fast.survey.known(_FASTEST), poor=frozenset())
     found = search(task, _left(settings, survey), report, known, better)
+    if not found.trials and found.ended == "searched":
+        same = Trier(task).with_the_motion(fast.trial)
+        found = replace(found, trials=(same,) if same else ())
     again = {stage: s + survey.seconds.get(stage, 0.0) for stage, s in found.seconds.items()}
     return replace(
         found,
         tried=survey.tried | found.tried,
         varied=survey.varied + found.varied,
-        programs=survey.programs + fast.programs + found.programs,
+        programs=survey.programs + fast.survey.programs + found.programs,
         seconds=survey.seconds | again,
     )
+
+
+def _fastest(task: GaitProblem, settings: Search, survey: Survey, report: Report) -> Design:
+    """The fastest gait within the limits of a cost, in the time that its search left."""
+    return designed(structs.replace(task, objective=Objective()), _left(settings, survey), report)
 
 
 def _left(settings: Search, survey: Survey) -> Search:
@@ -217,8 +225,7 @@ def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) ->
                 trials += _held(task, start, period)
             if not trials and task.objective.speed is not None:
                 # these cycles may be too slow; that of the fastest gait is not
-                left = _left(settings, free.survey)
-                fast = designed(structs.replace(task, objective=Objective()), left, report)
+                fast = _fastest(task, settings, free.survey, report)
                 trials += _held(task, fast.trial or fast.survey.trials[0], fast.period)
         except KeyboardInterrupt:
             if not trials:

@@ -186,6 +186,13 @@ class Trier:
         low, high = self.shortest / cycles, self.longest / cycles
         return low, max(low, min(high, _LONGEST * like))
 
+    def with_the_motion(self, fast: Trial) -> Trial | None:
+        """A trial of the cost from the motion of a fast enough one; None if its split has none."""
+        if has_cost_columns(self.task) and fast.program.degree > 1:
+            return None
+        program, start = self._as_fast_as(fast)
+        return start and self.settled(self.climbed(replace(fast, program=program, point=start)))
+
     def _near(self, trial: Trial, program: GaitProgram, widths: np.ndarray) -> Point | None:
         """A motion like that of a trial, with other durations."""
         _, v, first = trial.program.motion(trial.point)
@@ -374,5 +381,6 @@ _LONGEST, _SHORTEST = 20.0, 1e-4
 _NEARLY, _MOST_FINER, _MOST_STRAIGHT, _AMPLY = 0.95, 3, 7, 1.02
 # Degree of velocities with drag, which bends them.
 BENT = 3
-# Largest numbers of rounds with other patterns of unloaded spikes, and of meshes for the first ones.
+# Largest numbers of rounds with other patterns of unloaded spikes, and of meshes of a fast gait on
+# which patterns are sought.
 _FLIPS, _CUTS = 4, 4
