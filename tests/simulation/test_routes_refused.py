@@ -184,7 +184,7 @@ def test_stiff_motions_with_switches_take_implicit_steps():
     tolerance = Tolerance(1e-7, 1e-8)
     t = np.linspace(0, 1700, 35)
     motion = simulate(relaxation(), 1700.0, times=t, dense=True, tolerance=tolerance)
-    assert motion.route == "python"
+    assert motion.route == "radau"
     (event,) = motion.events
     assert motion.n_steps < 2000
     assert motion.end[2] == 1
