@@ -51,3 +51,4 @@ def test_another_method_steps_in_where_implicit_steps_fail(first: Route) -> None
     assert found
     assert not found.fault
     assert found.route != motion.route
+    assert ("not their code" in found.shared) == (motion.route == "native")

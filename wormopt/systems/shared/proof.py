@@ -118,7 +118,7 @@ def cross_check(
     accepted = accepted_error(tolerance)
     if recheck == "independent" and route != "cvodes":
         return _without_events(model, motion, accepted, report)
-    label, shared = str(route), _SHARED[route]
+    label, shared = str(route), _shared(route, motion)
     if route == motion.route or model.alg.numel():
         label = motion.route
         label += " with a tenth of the tolerance"
@@ -153,7 +153,7 @@ def cross_check(
             return CrossCheck(label, None, accepted, shared, error.reason)
         by, own = label, shared
         if second.route != route and second.route in _SHARED:  # the second one failed
-            by, own = second.route, _SHARED[second.route]
+            by, own = second.route, _shared(second.route, motion)
         sizes = nominal_of(model.x)
         size = np.maximum(sizes, np.abs(second.end))
         error = float(np.max(np.abs(first[: model.n_x] - second.end) / size))
@@ -176,6 +176,12 @@ def cross_check(
     exact = compared(tolerance, _SPENT_IN_PYTHON)
     # agreement up to an earlier time does not excuse a later disagreement
     return found if found.error is not None and exact.reach < found.reach else exact
+
+
+def _shared(second: str, first: Trajectory) -> str:
+    """What a second route has in common with the first."""
+    both_in_python = {second, first.route} <= {"python", "radau"}
+    return _SHARED[second].replace("though not", "and") if both_in_python else _SHARED[second]
 
 
 def _begun(again: Callable[[Route, float, int], Trajectory], motion: Trajectory) -> Trajectory:
