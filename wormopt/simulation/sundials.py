@@ -98,7 +98,7 @@ class _Grid:
         pieces = [_pieces(schedule, start, end) for schedule in task.schedules]
         breaks = np.unique(np.concatenate([[start, end], *(p[0] for p in pieces)]))
         sizes = np.diff(breaks)
-        within = (breaks[:-1] + _WITHIN * sizes)[sizes < 2 * task.max_step]
+        within = (breaks[:-1] + _WITHIN * sizes)[sizes < 1.5 * task.max_step]
         wanted = [task.times, np.linspace(start, end, _STATIONS + 1), breaks, within]
         times = np.unique(np.concatenate(wanted))
         gap = 1e-14 * max(abs(start), abs(end)) + 1e-13 * (end - start)
