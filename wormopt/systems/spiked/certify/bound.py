@@ -186,8 +186,6 @@ def _of_cost(
     assert required is not None
     best = Bounded(0.0, None, "no peak is below 0", ())
     yield best
-    if task.limits.acceleration is None:
-        return
     first = Outer(Statement.of(task))
     for level in _levels(first, until):
         if level is None:

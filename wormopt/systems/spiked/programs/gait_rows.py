@@ -149,7 +149,7 @@ class GaitRows:
         self.rows = BilinearRows()
         self._peak: int | None = None
         self._add_columns()
-        self._costs = CostColumns(self) if has_cost_columns(task) else None
+        self._costs = CostColumns(self) if task.objective.is_smooth else None
         self._add_rates()
         for phase, resting in enumerate(sequence):
             at = slice(self._edges[phase], self._edges[phase + 1])
@@ -403,13 +403,13 @@ class GaitRows:
 
 
 def has_cost_columns(task: GaitProblem) -> bool:
-    """Whether the cost of a task is part of its bilinear program."""
-    return task.objective.is_smooth and task.limits.acceleration is not None
+    """Whether the cost of a task is part of its bilinear program: energy or effort."""
+    return task.objective.is_smooth
 
 
 def is_energy(task: GaitProblem) -> bool:
     """Whether the cost of a task is the energy absorbed by actuators."""
-    return has_cost_columns(task) and task.objective.minimise == "energy_per_distance"
+    return task.objective.minimise == "energy_per_distance"
 
 
 _ARGUMENTS = tuple(signature(GaitRows).parameters)
@@ -427,8 +427,6 @@ class CostColumns:
     def __post_init__(self) -> None:
         program = self.program
         self.energy = program.task.objective.minimise == "energy_per_distance"
-        if program.degree != 1:
-            raise ValueError("costs need velocities that are linear on an arc")
         self.dragged = self.energy and program.limits.drag > 0
         # the distance of a mass at each coefficient of its velocity, a factor of the work of drag
         self.ways = np.full(program.v.shape, -1)
