@@ -286,19 +286,19 @@ class DrivenWorm:
         """Duration of a piece of the gait."""
         return float(self.gait.breaks[piece + 1] - self.gait.breaks[piece])
 
+    def _sampled(self) -> Iterator[tuple[int, np.ndarray]]:
+        for piece in range(self.gait.pieces):
+            yield piece, np.linspace(0, self.duration(piece), _SAMPLES)
+
     @cached_property
     def rate_scale(self) -> float:
         """Largest velocity in the period; 1 if nothing moves."""
-        grids = [np.linspace(0, self.duration(q), _SAMPLES) for q in range(self.gait.pieces)]
-        return max(self.velocities(q, s).max() for q, s in enumerate(grids)) or 1.0
+        return max(self.velocities(q, s).max() for q, s in self._sampled()) or 1.0
 
     @cached_property
     def force_scale(self) -> float:
         """Largest sum of the forces in sigma; 1 if there are none."""
-        largest = 0.0
-        for piece in range(self.gait.pieces):
-            s = np.linspace(0, self.duration(piece), _SAMPLES)
-            largest = max(largest, float(np.abs(self.spans(piece, s, 2)).max()))
+        largest = max(float(np.abs(self.spans(q, s, 2)).max()) for q, s in self._sampled())
         return largest * self.mass.max() + self.drag * self.rate_scale + self.load or 1.0
 
 

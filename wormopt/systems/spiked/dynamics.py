@@ -185,26 +185,10 @@ _NO_CORNER = 1e-9
 def driven_worm(gait: Gait, mass: float | Sequence[float], drag: float, load: float) -> Model:
     """Build the bimodal system of a gait that repeats from time 0, where the worm is at rest.
 
-    Parameters
-    ----------
-    gait : Gait
-        Link lengths over a period, without corners.
-    mass : float or sequence of float, shape (n+1,)
-        Point masses, head first.
-    drag, load : float
-        Viscous drag k and load Gamma on every mass.
-
-    Returns
-    -------
-    Model
-        States are ``position`` of the head and ``glide`` w; parameters are ``mass``, ``drag`` and
-        ``load``. Outputs are ``velocity`` (n+1), ``spike_load`` (sum of all spikes),
-        ``actuator_force`` (n) and ``length`` (n). Resting masses share the load equally.
-
-    Raises
-    ------
-    ArgumentError
-        If the gait has a corner, where forces are impulses, or if a mass is not positive.
+    States are ``position`` of the head and ``glide`` w; parameters are ``mass``, ``drag`` and
+    ``load``. Outputs are ``velocity`` (n+1), ``spike_load`` (sum of all spikes),
+    ``actuator_force`` (n) and ``length`` (n). Resting masses share the load equally. Raises
+    ArgumentError if the gait has a corner, where forces are impulses, or a mass is not positive.
     """
     n = gait.links
     drive = Drive(gait, np.ones(n + 1), 0.0, 0.0, "equal")

@@ -169,20 +169,15 @@ class GaitDesign(DesignTable, kind="gait-design"):
         yield from faults or self._faults_of_loads()
         yield from self.objective.faults_in_scene()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
-        wanted, objective = self.search.certify, self.objective
-        if wanted is None:
+        if self.search.certify is None:
             if "certificate" in self.want:
-                yield (
-                    "want",
-                    '"certificate" is given without a proof; add a table [search.certify]',
-                )
-            return
-        if objective.is_smooth:
+                yield "want", '"certificate" is given without a proof; add a table [search.certify]'
+        elif self.objective.is_smooth:
             yield (
                 "search.certify",
-                f"a proof is not available for minimise = {objective.minimise!r}, only for speed, "
-                "peak_spike_load and peak_actuator_force; remove the table, or choose another "
-                "objective",
+                f"a proof is not available for minimise = {self.objective.minimise!r}, only for "
+                "speed, peak_spike_load and peak_actuator_force; remove the table, or choose "
+                "another objective",
             )
 
     # -- the design --------------------------------------------------------------------------------
@@ -362,16 +357,13 @@ class GaitDesign(DesignTable, kind="gait-design"):
         if self.search.certify is None or not self.has_proof:
             return
         missed = f"the gap {self.search.certify.gap:g} was not reached"
-        match self.proven.ending:
-            case "time limit" | "interrupted":
-                yield f"{missed} ({self.proven.ending}): increase search.certify.time_limit"
-            case "finest program":
-                yield (
-                    f"{missed} with the largest program; either a better gait exists (try "
-                    'search.effort = "thorough"), or the bound is not tight'
-                )
-            case _:
-                pass
+        if self.proven.ending in ("time limit", "interrupted"):
+            yield f"{missed} ({self.proven.ending}): increase search.certify.time_limit"
+        elif self.proven.ending == "finest program":
+            yield (
+                f"{missed} with the largest program; either a better gait exists (try "
+                'search.effort = "thorough"), or the bound is not tight'
+            )
 
     @attributes
     def shown(self) -> Mapping[str, Any]:

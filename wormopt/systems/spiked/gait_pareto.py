@@ -95,11 +95,6 @@ class Point:
         """The cost."""
         return float(self.result.scalars[self.cost].value)
 
-    @property
-    def binding(self) -> str:
-        """Limits that bind."""
-        return self.result.attributes["binding"]
-
 
 @dataclass(frozen=True)
 class Points:
@@ -379,7 +374,7 @@ def front_of(points: list[Point], orders: np.ndarray, against: str) -> Front:
         front_counted=accepted.tolist(),
         front_sequences=[p.sequence for p in points],
         front_resting=[p.result.scalars["resting_min"].value for p in points],
-        front_binding=[p.binding for p in points],
+        front_binding=[p.result.attributes["binding"] for p in points],
         speed_max=float(speed.max()),
         front_speed=speed,
         front_value=Variable("front_value", unit, ("point",), costs, against.replace("_", " ")),
@@ -424,7 +419,8 @@ def table_of(points: list[Point], front: Front) -> str:
         masses = ", ".join("+".join(map(str, resting)) for resting in point.sequence)
         numbers = (str(k), f"{point.speed:.6g}", f"{point.value:.6g}")
         cycles = str(point.result.scalars["cycles"].value)
-        rows.append((*numbers, masses, cycles, point.binding, "; ".join(notes)))
+        binding = point.result.attributes["binding"]
+        rows.append((*numbers, masses, cycles, binding, "; ".join(notes)))
     widths = [max(3, *map(len, column)) for column in zip(head, *rows, strict=True)]
     lines = [head, tuple("-" * width for width in widths), *rows]
     return "".join(

@@ -63,16 +63,12 @@ def gait(result: Result) -> Figure:
         panel.limits(_limits(page, f"{name}_limits" if name == "length" else f"{name}_limit", name))
     panels[0].legend()
     rests.rests("time", "resting")
-    _tell(page, advance="", period="")
+    page.facts(speed="mean speed", advance="", period="")
     value, speed = page.get("objective"), page.get("speed")
     proven = value == speed and page.get("gap_certified") is not None
     page.facts(page.fact("bound", "proven bound") if proven else
                page.fact("ceiling", "no gait is faster than"))  # fmt: skip
     return _at_the_knee(page)
-
-
-def _tell(page: Page, **more: Any) -> None:
-    page.facts(speed="mean speed", **more)
 
 
 def _at_the_knee(page: Page) -> Figure:
@@ -129,7 +125,7 @@ def motion(result: Result) -> Figure:
     panel.named("y", "time")
     panel.entries += [line("rests on its spikes", lw=4), line("moves", lw=1)]
     panel.entries += [patch("the worm glides", GLIDE)] if glides else []
-    _tell(page, advance="", period="")
+    page.facts(speed="mean speed", advance="", period="")
     page.legend()
     return _at_the_knee(page)
 
@@ -289,7 +285,7 @@ def certificate(result: Result) -> Figure:
     panel.band(time, value, bound, step="post", color=LINKS[0], alpha=0.12)
     panel.named("x", "proof_time", "computing time $t$")
     panel.named("y", "proof_bound", "objective and its bound")
-    _tell(page, bound="proven bound", gap_certified="gap")
+    page.facts(speed="mean speed", bound="proven bound", gap_certified="gap")
     return page.legend()
 
 

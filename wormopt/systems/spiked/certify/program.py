@@ -290,12 +290,9 @@ class Program:
         self.mesh = outer.mesh.finer(level.parts)
         self._cells = level.cells + 1
         self._faces = list(outer.faces(self.mesh, level.parts))
-        self._exponents = {
-            f.resting: _exponents(level.degree, f.simplices.shape[1]) for f in self._faces
-        }
+        corners = [self.mesh.vertices[face.simplices] for face in self._faces]
         places = [
-            np.einsum("aq,pqi->pai", self._exponents[f.resting], self.mesh.vertices[f.simplices])
-            for f in self._faces
+            np.einsum("aq,pqi->pai", _exponents(level.degree, own.shape[1]), own) for own in corners
         ]
         flat = np.concatenate([place.reshape(-1, place.shape[2]) for place in places])
         self.points, number = np.unique(flat, axis=0, return_inverse=True)

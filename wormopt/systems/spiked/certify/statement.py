@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from wormopt.model.given import per
+from wormopt.numerics.roots import root
 from wormopt.systems.spiked.gait_problem import GaitProblem
 
 # Digits to which derived numbers of a proof are rounded, on the safe side.
@@ -108,15 +108,13 @@ class Statement:
         """
         found = []
         for j, whole in enumerate(self.ranges):
-            low, high = 0.0, float(whole)
-            if self._there_and_back(high, j, starts, brakes) <= self.period:
-                found.append(whole)
-                continue
-            for _ in range(100):
-                middle = (low + high) / 2
-                slow = self._there_and_back(middle, j, starts, brakes) > self.period
-                low, high = (low, middle) if slow else (middle, high)
-            found.append(min(whole, up(high, _unit(whole))))
+
+            def late(stroke: float, j: int = j) -> float:
+                return self._there_and_back(stroke, j, starts, brakes) - float(self.period)
+
+            if late(float(whole)) > 0.0:
+                whole = min(whole, up(root(late, 0.0, float(whole)), _unit(whole)))
+            found.append(whole)
         return tuple(found)
 
     def mean_rates(
@@ -141,11 +139,6 @@ class Statement:
             short = rate * rate * e > amplitude
             time += 2 * math.sqrt(amplitude * e) if short else amplitude / rate + rate * e
         return time
-
-    @property
-    def fields(self) -> dict[str, Any]:
-        """Fields of a certificate."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
 def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
