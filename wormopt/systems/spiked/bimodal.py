@@ -184,7 +184,7 @@ class _Track:
         return BimodalMotion(
             advance=self.x,
             speed=self.x / period,
-            glides=_glides(self.spells),
+            glides=_glides(switches, period),
             switches=switches,
             lambda_min=min(self.lambdas),
             lambda_max=max(self.lambdas),
@@ -234,16 +234,12 @@ def _switches(spells: list[Spell], shortest: float) -> tuple[tuple[float, frozen
     return tuple(switches)
 
 
-def _glides(spells: list[Spell]) -> tuple[tuple[float, float], ...]:
+def _glides(
+    switches: Sequence[tuple[float, frozenset[int]]], period: float
+) -> tuple[tuple[float, float], ...]:
     """Glides of the period; a glide across its end is one glide, not two."""
-    glides: list[tuple[float, float]] = []
-    for start, end, resting in spells:
-        if resting:
-            continue
-        if glides and glides[-1][1] == start:
-            start, _ = glides.pop()
-        glides.append((start, end))
-    period = spells[-1][1]
+    ends = [*(time for time, _ in switches[1:]), period]
+    glides = [(begin, end) for (begin, rest), end in zip(switches, ends, strict=True) if not rest]
     if len(glides) > 1 and glides[0][0] == 0.0 and glides[-1][1] == period:
         glides = [*glides[1:-1], (glides[-1][0], glides[0][1])]
     return tuple(glides)

@@ -61,9 +61,8 @@ def lines_of(count: int, resting: Resting) -> tuple[np.ndarray, np.ndarray, np.n
 
 def simple_patterns(resting: Resting) -> list[Pattern]:
     """All resting spikes loaded at all times; or only the first; or only the last."""
-    patterns = np.full((3, len(resting)), -1)
-    patterns[0] = patterns[1, 0] = patterns[2, -1] = 0
-    return [tuple(pattern) for pattern in patterns.tolist()]
+    unloaded = (-1,) * (len(resting) - 1)
+    return [(0,) * len(resting), (0, *unloaded), (*unloaded, 0)]
 
 
 def least_patterns(
