@@ -241,28 +241,25 @@ class GaitMotion(Study, kind="gait"):
 
     @checks
     def of_the_map(self) -> Iterator[Check]:
-        if self.is_mapped:
-            periods = self.map_of_periods_and_loads["region_period"]
-            yield from _checks(Region(self.motion.drive), periods)
-
-
-def _checks(region: Region, periods: np.ndarray) -> Iterator[Check]:
-    """Simulate the dynamics at random periods with loads on both sides of the border."""
-    numbers, wrong, off = np.random.default_rng(0), 0, 0.0
-    for period in numbers.uniform(periods[0], periods[-1], _CHECKED):
-        border = region.least_load(period)
-        for side in (-1, 1):
-            load = border * (1 + side * numbers.uniform(*_ASIDE))
-            if border <= 0:  # no load is needed: there is one side only
-                load = numbers.uniform(0.0, region.drive.force_scale)
-            glides, total = _simulated(region.drive, period, load)
-            wrong += glides != (load < border)
-            if not glides:
-                off = max(off, abs(total / region.total_load(period, load) - 1))
-    advice = "the simulated worm glides where the map predicts no gliding, or vice versa"
-    yield Check("sides of the border, simulated", wrong, 0, advice)
-    advice = "the simulated spike loads differ from those of the map"
-    yield Check("loads of the map, simulated", off, _LOAD_OFF, advice)
+        """Simulate at random periods with loads on both sides of the border."""
+        if not self.is_mapped:
+            return
+        periods, region = self.map_of_periods_and_loads["region_period"], Region(self.motion.drive)
+        numbers, wrong, off = np.random.default_rng(0), 0, 0.0
+        for period in numbers.uniform(periods[0], periods[-1], _CHECKED):
+            border = region.least_load(period)
+            for side in (-1, 1):
+                load = border * (1 + side * numbers.uniform(*_ASIDE))
+                if border <= 0:  # no load is needed: there is one side only
+                    load = numbers.uniform(0.0, region.drive.force_scale)
+                glides, total = _simulated(region.drive, period, load)
+                wrong += glides != (load < border)
+                if not glides:
+                    off = max(off, abs(total / region.total_load(period, load) - 1))
+        advice = "the simulated worm glides where the map predicts no gliding, or vice versa"
+        yield Check("sides of the border, simulated", wrong, 0, advice)
+        advice = "the simulated spike loads differ from those of the map"
+        yield Check("loads of the map, simulated", off, _LOAD_OFF, advice)
 
 
 def _simulated(drive: Drive, period: float, load: float) -> tuple[bool, float]:

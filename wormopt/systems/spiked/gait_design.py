@@ -335,20 +335,16 @@ class GaitDesign(DesignTable, kind="gait-design"):
         elif self.is_complete:
             known["sensitivity"] = f"unknown: {self.why_insensitive}"
         if self.has_proof:
-            known["certificate"] = self._of_certificate()
-        return known
-
-    def _of_certificate(self) -> dict[str, Any]:
-        """Facts of the proof."""
-        known: dict[str, Any] = {
-            "holds_for": "every gait with any resting sequence, number of phases and cycles in "
-            f"which gait.resting = {self.gait.resting} and all other limits hold at all times",
-            "source": self.proven.source,
-        }
-        if self.verification is not None:
-            known["verified_inequalities"] = self.verification.inequalities
-        if self.search.certify is not None:
-            known |= {"ended": self.proven.ending, "wanted_gap": self.search.certify.gap}
+            proof: dict[str, Any] = {
+                "holds_for": "every gait with any resting sequence, number of phases and cycles in "
+                f"which gait.resting = {self.gait.resting} and all other limits hold at all times",
+                "source": self.proven.source,
+            }
+            if self.verification is not None:
+                proof["verified_inequalities"] = self.verification.inequalities
+            if self.search.certify is not None:
+                proof |= {"ended": self.proven.ending, "wanted_gap": self.search.certify.gap}
+            known["certificate"] = proof
         return known
 
     @warnings

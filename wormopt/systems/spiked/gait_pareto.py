@@ -257,13 +257,14 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
             return Result(self.name, self.kind, status="failed", reason=str(reason))
         if found.ended == "interrupted":
             raise KeyboardInterrupt
-        own = of_design(self, found)
+        own, kept = of_design(self, found), found.survey.known(_KNOWN)
+        good = [(o, None if times is None else times.tolist(), n) for o, times, n in kept.good]
         scalars = own.scalars | {COST_SCALARS[against]: objective_of(found.motion, against)}
         return self.concluded(
             {name: self.with_unit(name, value) for name, value in scalars.items()},
             [self.variable(name, values) for name, values in own.variables.items()],
             own.checks, own.warnings, own.facts,
-            {"binding": _binding(found)} | _kept(found.survey.known(_KNOWN)),
+            {"binding": _binding(found), "good": good, "poor": sorted(kept.poor)},
         )  # fmt: skip
 
     def stopped(self) -> str:
@@ -361,12 +362,6 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
 
 def _order(phases: Sequence[Sequence[int]]) -> Sequence_:
     return tuple(map(tuple, phases))
-
-
-def _kept(known: Known) -> dict[str, Any]:
-    """JSON data of `Point.known`."""
-    good = [(o, None if times is None else times.tolist(), n) for o, times, n in known.good]
-    return {"good": good, "poor": sorted(known.poor)}
 
 
 def _binding(found: Design) -> str:

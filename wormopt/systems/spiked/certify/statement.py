@@ -149,8 +149,8 @@ def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
     return tuple(Fraction(f"{float(x):.11g}") for x in values)
 
 
-def _unit(size: float | Fraction) -> Fraction:
-    return Fraction(10) ** (math.floor(math.log10(size)) - _DIGITS)
+def _unit(size: float | Fraction, digits: int = _DIGITS) -> Fraction:
+    return Fraction(10) ** (math.floor(math.log10(size)) - digits)
 
 
 def up(value: float | Fraction, unit: Fraction) -> Fraction:
@@ -163,8 +163,7 @@ def rounded_up(bound: float) -> Fraction:
     """Round a bound up by more than the rounding of floating-point sums."""
     if bound <= 0.0:
         return Fraction(0)
-    unit = Fraction(10) ** (math.floor(math.log10(bound)) - 9)
-    return up(bound * (1 + _SPARE), unit)
+    return up(bound * (1 + _SPARE), _unit(bound, 9))
 
 
 def wider(values: np.ndarray) -> np.ndarray:
