@@ -36,26 +36,14 @@ class Crawl(SampledMotion):
     """Periodic motion of a worm with spikes under a prescribed gait.
 
     `motion[name]` returns samples of a signal, one of `names`, at the times `motion.time`.
-
-    Parameters
-    ----------
-    gait : Gait
-        Link lengths over time.
-    stretches : tuple of Stretch
-        Parts of the period with fixed resting masses, in order.
-    impulses : tuple of (float, float)
-        Time and size of each spike impulse at a corner of the gait.
-    drops : tuple of float
-        Times at which the kinematic velocity W0 jumps down and the worm is thrown forward.
-    drive : Drive
-        Gait, masses, drag and load as functions of time.
     """
 
-    gait: Gait
-    stretches: tuple[Stretch, ...]
-    impulses: tuple[tuple[float, float], ...]
+    gait: Gait  # link lengths over time
+    stretches: tuple[Stretch, ...]  # parts of the period with fixed resting masses, in order
+    impulses: tuple[tuple[float, float], ...]  # time and size of each on the spikes, at corners
+    # times at which the kinematic velocity W0 jumps down and the worm is thrown forward
     drops: tuple[float, ...]
-    drive: Drive
+    drive: Drive  # gait, masses, drag and load as functions of time
 
     @cached_property
     def _rows(self) -> dict[str, slice]:
