@@ -63,12 +63,16 @@ def gait(result: Result) -> Figure:
         panel.limits(_limits(page, f"{name}_limits" if name == "length" else f"{name}_limit", name))
     panels[0].legend()
     rests.rests("time", "resting")
-    page.facts(speed="mean speed", advance="", period="")
+    _tell(page, advance="", period="")
     value, speed = page.get("objective"), page.get("speed")
     proven = value == speed and page.get("gap_certified") is not None
     page.facts(page.fact("bound", "proven bound") if proven else
                page.fact("ceiling", "no gait is faster than"))  # fmt: skip
     return _at_the_knee(page)
+
+
+def _tell(page: Page, **more: Any) -> None:
+    page.facts(speed="mean speed", **more)
 
 
 def _at_the_knee(page: Page) -> Figure:
@@ -125,7 +129,7 @@ def motion(result: Result) -> Figure:
     panel.named("y", "time")
     panel.entries += [line("rests on its spikes", lw=4), line("moves", lw=1)]
     panel.entries += [patch("the worm glides", GLIDE)] if glides else []
-    page.facts(speed="mean speed", advance="", period="")
+    _tell(page, advance="", period="")
     page.legend()
     return _at_the_knee(page)
 
@@ -285,7 +289,7 @@ def certificate(result: Result) -> Figure:
     panel.band(time, value, bound, step="post", color=LINKS[0], alpha=0.12)
     panel.named("x", "proof_time", "computing time $t$")
     panel.named("y", "proof_bound", "objective and its bound")
-    page.facts(speed="mean speed", bound="proven bound", gap_certified="gap")
+    _tell(page, bound="proven bound", gap_certified="gap")
     return page.legend()
 
 
