@@ -246,15 +246,11 @@ class Objective(Given, kw_only=False):
     @property
     def quantity(self) -> str:
         """Physical quantity of the objective, a name for `unit_of`."""
-        match self.minimise:
-            case None:
-                return "speed"
-            case "energy_per_distance":
-                return "energy_per_distance"
-            case "acceleration_effort":
-                return "acceleration_squared"
-            case _:
-                return "force"
+        of_smooth = {
+            "energy_per_distance": "energy_per_distance",
+            "acceleration_effort": "acceleration_squared",
+        }
+        return "speed" if self.minimise is None else of_smooth.get(self.minimise, "force")
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield conflicts between the keys of this table."""
