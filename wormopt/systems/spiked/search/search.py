@@ -322,8 +322,9 @@ _EFFORTS = {
         enumerated=1000, width=8, varied=800, patience=2, work=6e9, starts=8, timed=128
     ),
 }
-# Shares of the work for one climb, and for the last restarts at the end of the work.
-_OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
+# Shares of the work for one climb, for plain orders and their other starts (variations need the
+# rest), and for the last restarts at the end of the work.
+_OF_ONE_CLIMB, _OF_PLAIN, _OF_RESTARTS = 0.1, 0.5, 0.2
 # Share of the work for variations of a long worm.
 _OF_LONG = 0.3
 # Factor on the work for energy: its programs are denser, so a pivot takes longer.
@@ -486,7 +487,7 @@ def _plain(race: Race, settings: Search) -> Iterator[str]:
         stage = race.announce("plain orders", 0.5 * k * _BATCH / effort.enumerated)
         race.enter(map(Start, batch))
         yield stage
-        if race.trier.work > effort.work / 2:
+        if race.trier.work > _OF_PLAIN * effort.work:
             break
     race.promote(0, 3 * effort.width)
     yield "plain orders"
@@ -497,6 +498,8 @@ def _plain(race: Race, settings: Search) -> Iterator[str]:
         stage = race.announce("other starts", 0.5)
         race.restart(width * effort.width, (settings.seed, start))
         yield stage
+        if race.trier.work > _OF_PLAIN * effort.work:
+            break
 
 
 def _prescribed(race: Race, order: Sequence_, settings: Search) -> Iterator[None]:
