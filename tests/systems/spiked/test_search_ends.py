@@ -17,8 +17,8 @@ from outcomes import told_by_a_run
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.systems.spiked.construct import load_gait
-from wormopt.systems.spiked.design import design as design_module
 from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.design import design as design_module
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
