@@ -397,11 +397,6 @@ class GaitRows:
         return BilinearProgram(self.rows, np.unique(self.h), low)
 
 
-def has_cost_columns(task: GaitProblem) -> bool:
-    """Whether the cost of a task is part of its bilinear program: energy or effort."""
-    return task.objective.is_smooth
-
-
 def is_energy(task: GaitProblem) -> bool:
     """Whether the cost of a task is the energy absorbed by actuators."""
     return task.objective.minimise == "energy_per_distance"

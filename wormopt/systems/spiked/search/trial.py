@@ -14,7 +14,7 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
 from wormopt.systems.shared.sequences import Sequence_, wave_direction
 from wormopt.systems.spiked.gait_problem import GaitProblem
-from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, split_matters
+from wormopt.systems.spiked.programs.gait_rows import split_matters
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 
 
@@ -77,7 +77,7 @@ class Trier:
 
     def _arcs(self, sequence: Sequence_) -> int:
         """Arcs per phase of a first trial; few say too little about speeds and smooth costs."""
-        if self.task.objective.minimise is None or has_cost_columns(self.task):
+        if self.task.objective.minimise is None or self.task.objective.is_smooth:
             return _MOST_ARCS
         return max(_FEWEST_ARCS, min(_MOST_ARCS, _ARCS // len(sequence)))
 
@@ -170,7 +170,7 @@ class Trier:
         wanted = float(np.clip(period, low, high))
         program = trial.program.changed(task=self.task, period=(low, high), patterns=None)
         widths = trial.program.widths(trial.point) * (wanted / period)
-        if has_cost_columns(self.task):
+        if self.task.objective.is_smooth:
             start = self._near(trial, program, widths)
         else:
             start = program.start_arcs(widths)
@@ -188,7 +188,7 @@ class Trier:
 
     def with_the_motion(self, fast: Trial) -> Trial | None:
         """A trial of the cost from the motion of a fast enough one; None if its split has none."""
-        if has_cost_columns(self.task) and fast.program.degree > 1:
+        if self.task.objective.is_smooth and fast.program.degree > 1:
             return None
         program, start = self._as_fast_as(fast)
         return start and self.settled(self.climbed(replace(fast, program=program, point=start)))
@@ -227,7 +227,7 @@ class Trier:
         same = fast.program
         period = same.period
         program = type(same)(self.task, same.sequence, period, same.arcs, same.degree)
-        if has_cost_columns(self.task):
+        if self.task.objective.is_smooth:
             # a smooth cost needs the motion itself, which is feasible here too
             return program, program.moving(*same.motion(fast.point))
         return program, program.start_arcs(same.widths(fast.point))
@@ -267,7 +267,7 @@ class Trier:
             return fastest._as_fast(fast, required, _MOST_FINER)
         # with drag optimal velocities bend, and linear ones approach them slowly
         bent = fastest._as_fast(fastest.finer(fast, 1e-6, BENT, parts=1), required, _MOST_FINER)
-        if bent is None or not has_cost_columns(self.task):
+        if bent is None or not self.task.objective.is_smooth:
             return bent
         return fastest._as_fast(fast, required, _MOST_STRAIGHT)
 
@@ -304,19 +304,21 @@ class Trier:
             return trial
         best = self._split(trial)
         required = self.task.objective.speed
-        if required is not None:
-            # durations of the least cost with any split may not suit this one: those of a fast gait
-            of, durations = trial.program, trial.durations
-            fast = self._fast_enough(
-                required, of.sequence, of.period, durations, None, patient=True
-            )
-            for _ in range(_CUTS if fast else 0):
+        # durations of the least cost with any split may not suit this one
+        if required is not None and (fast := self._fast_like(trial, required)) is not None:
+            for _ in range(_CUTS):
                 program, start = self._as_fast_as(fast)
                 found = start and self._split(replace(trial, program=program, point=start))
                 if found is not None and (best is None or found.value > best.value):
                     best = found
                 fast = self.finer(fast)
         return best and self._other_patterns(best)
+
+    def _fast_like(self, trial: Trial, required: float) -> Trial | None:
+        of = trial.program
+        return self._fast_enough(
+            required, of.sequence, of.period, trial.durations, None, patient=True
+        )
 
     def _split(self, trial: Trial) -> Trial | None:
         """Climb with the durations of a trial and the patterns of its split, or simple ones."""
