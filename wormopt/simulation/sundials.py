@@ -99,6 +99,7 @@ class _Grid:
         breaks = np.unique(np.concatenate([[start, end], *(p[0] for p in pieces)]))
         sizes = np.diff(breaks)
         within = (breaks[:-1] + _WITHIN * sizes)[sizes < 1.5 * task.max_step]
+        within = within if pieces else within[:0]
         wanted = [task.times, np.linspace(start, end, _STATIONS + 1), breaks, within]
         times = np.unique(np.concatenate(wanted))
         gap = 1e-14 * max(abs(start), abs(end)) + 1e-13 * (end - start)
@@ -108,8 +109,8 @@ class _Grid:
         self.samples = np.searchsorted(times, task.times - gap)
         middle = (times[:-1] + times[1:]) / 2
         rows = [np.zeros((0, len(middle)))]
-        for breaks, values in pieces:
-            rows.append(values[np.searchsorted(breaks, middle) - 1].T)
+        for own, values in pieces:
+            rows.append(values[np.searchsorted(own, middle) - 1].T)
         self.scheduled = np.vstack(rows)
         if task.directions:
             along = task.directions.scheduled(task.system.n_fixed, task.schedules, middle)

@@ -16,16 +16,18 @@ from judged import check, interrupt_after
 from outcomes import told_by_a_run
 
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.progress import silent
 from wormopt.systems.spiked.construct import load_gait
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design import design as design_module
+from wormopt.systems.spiked.design import optimize
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
-from wormopt.systems.spiked.search.search import Race
+from wormopt.systems.spiked.search.search import Race, Survey
 
 # -- ends before the end -------------------------------------------------------------------------
 
@@ -167,6 +169,20 @@ def test_a_cost_at_nearly_the_fastest_speed_begins_with_the_fastest_motion(share
     assert motion.speed >= share * fast.speed * (1 - 1e-8)
     costs = [objective_of(each, "peak_spike_load") for each in (motion, fast.motion)]
     assert costs[0] <= costs[1]
+
+
+@pytest.mark.parametrize(
+    ("ended", "error"), [("interrupted", KeyboardInterrupt), ("time limit", SolveError)]
+)
+def test_a_search_from_the_fastest_gaits_that_ends_early_says_so(ended, error, monkeypatch):
+    def nothing(task: GaitProblem, *_: Any) -> Survey:
+        how = "searched" if task.objective.minimise else ended
+        return Survey(task, (), frozenset(), 0, 0, how)
+
+    monkeypatch.setattr(optimize, "search", nothing)
+    task = GaitProblem(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.8))
+    with pytest.raises(error, match="time_limit" if error is SolveError else None):
+        designed(task, Search(), silent)
 
 
 # -- scenes --------------------------------------------------------------------------------------

@@ -68,7 +68,7 @@ def of_piece(count: int) -> Layout:
 
 
 def of_schedule(count: int, powers: int, p: int) -> Layout:
-    """Equations of a driven Model: u is when a piece began, its coefficients, and a stop."""
+    """Equations of a driven Model: u holds the start of a piece, its coefficients, and a stop."""
     return Layout(3, powers, p, 2 + powers * count, "arg[4] + 1", "t - arg[4][0]", "1.0")
 
 

@@ -47,7 +47,8 @@ def fast_gait(period: float, rest_length: float = 2.0, elongation: float = 0.15)
     """
     stroke = 2 * rest_length * elongation
     changes = stroke * np.array([[1.0, -1.0], [-1.0, 0.0], [0.0, 1.0]])
-    return _strokes(changes, period, np.array([rest_length, rest_length - stroke]), "cosine")
+    shortest = rest_length + np.minimum([stroke, -stroke], 0.0)
+    return _strokes(changes, period, shortest, "cosine")
 
 
 def travelling_sine(

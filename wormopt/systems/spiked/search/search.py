@@ -97,7 +97,7 @@ class Race:
     poor: frozenset[Sequence_] = frozenset()  # canonical orders that are not tried as variations
     varied: int = 0  # number of orders that are variations of others
     enough: float = np.inf  # value close enough to a proven bound
-    bounded: Bounded | None = None  # bound on the speed, if it ends the search
+    too_fast: Bounded | None = None  # bound on the speed, if it is below the required one
 
     def __post_init__(self) -> None:
         self._best: Trial | None = None
@@ -373,7 +373,7 @@ class Survey:
     programs: int  # linear programs solved
     ended: str  # "searched", "proven", "time limit" or "interrupted"
     seconds: dict[str, float] = field(default_factory=dict)  # of each stage
-    bounded: Bounded | None = None  # bound on the speed, if the search used it
+    bounded: Bounded | None = None  # bound on the speed, also where none reaches a required one
 
     def known(self, width: int) -> Known:
         """Knowledge for the search of a similar task: the best `width` orders are good ones."""
@@ -406,9 +406,9 @@ def search(
     places = _PLACES * effort_of(settings).width
     race = Race(task, trier, workers, report, better, places, poor=known.poor)
     ended, seconds, since = "searched", dict[str, float](), monotonic()
-    race.bounded = at_once(task) if settings.sequence is None else None
-    if race.bounded is not None:
-        race.enough = race.bounded.bound / (1.0 + settings.gap)
+    bounded = at_once(task) if settings.sequence is None else None
+    if bounded is not None:
+        race.enough = bounded.bound / (1.0 + settings.gap)
     try:
         for stage in _steps(race, settings, known.good):
             now = monotonic()
@@ -424,11 +424,11 @@ def search(
     finally:
         race.close()
     ranking = tuple(sorted([*race.ranking, *race.others], key=rank))
-    if ended == "searched" and (race.is_proven or (race.bounded and not ranking)):
+    if ended == "searched" and (race.is_proven or race.too_fast):
         ended = "proven"
     tried = frozenset(race.trials)
     counts = race.varied, trier.programs
-    return Survey(task, ranking, tried, *counts, ended, seconds, race.bounded)
+    return Survey(task, ranking, tried, *counts, ended, seconds, bounded or race.too_fast)
 
 
 def _effort(race: Race, settings: Search) -> Effort:
@@ -455,7 +455,7 @@ def _steps(race: Race, settings: Search, good: Sequence[Start]) -> Iterator[str]
     if not race.ranking and task.objective.speed is not None:
         bounded = at_once(structs.replace(task, objective=Objective()))
         if bounded and bounded.bound < task.objective.speed:
-            race.bounded = bounded
+            race.too_fast = bounded
             return
     if not race.long:  # their orders are too many and their ceilings too expensive
         yield from _until_proven(race, _plain(race, settings))

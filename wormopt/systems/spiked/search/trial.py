@@ -165,6 +165,8 @@ class Trier:
 
     def fitted(self, trial: Trial, cycles: int) -> Trial | None:
         """Fit a trial to a number of cycles in a period; None if it has no gait."""
+        if self.task.objective.is_smooth and trial.program.degree > 1:
+            return None  # these costs take straight velocities
         period = float(trial.durations.sum())
         low, high = self._cycle(cycles, period)
         wanted = float(np.clip(period, low, high))
@@ -187,7 +189,7 @@ class Trier:
         return low, max(low, min(high, _LONGEST * like))
 
     def with_the_motion(self, fast: Trial) -> Trial | None:
-        """A trial of the cost from the motion of a fast enough one; None if its split has none."""
+        """A trial of the cost that begins as a fast enough one; None if there is none so near."""
         if self.task.objective.is_smooth and fast.program.degree > 1:
             return None
         program, start = self._as_fast_as(fast)
@@ -225,8 +227,7 @@ class Trier:
     def _as_fast_as(self, fast: Trial) -> tuple[GaitProgram, Point | None]:
         """The program of the cost for the arcs of a fast trial, and a start at their durations."""
         same = fast.program
-        period = same.period
-        program = type(same)(self.task, same.sequence, period, same.arcs, same.degree)
+        program = type(same)(self.task, same.sequence, same.period, same.arcs, same.degree)
         if self.task.objective.is_smooth:
             # a smooth cost needs the motion itself, which is feasible here too
             return program, program.moving(*same.motion(fast.point))
@@ -306,15 +307,20 @@ class Trier:
         required = self.task.objective.speed
         # durations of the least cost with any split may not suit this one
         if required is not None and (fast := self._fast_like(trial, required)) is not None:
-            for _ in range(_CUTS):
+            for cuts in range(_CUTS):
+                if cuts:
+                    fast = self.finer(fast)
                 program, start = self._as_fast_as(fast)
-                found = start and self._split(replace(trial, program=program, point=start))
+                like = start and Trial(program, start, trial.cycles, trial.level + cuts)
+                found = like and self._split(like)
                 if found is not None and (best is None or found.value > best.value):
                     best = found
-                fast = self.finer(fast)
+                if self.stopped():
+                    break
         return best and self._other_patterns(best)
 
     def _fast_like(self, trial: Trial, required: float) -> Trial | None:
+        """Climb to the required speed from durations of a trial."""
         of = trial.program
         return self._fast_enough(
             required, of.sequence, of.period, trial.durations, None, patient=True
