@@ -330,8 +330,8 @@ class Search(Given):
     | `normal` | 160 | 4 | 240 | 2 | 7e8 | 1 (3) | 4 |
     | `thorough` | 1000 | 8 | 800 | 2 | 6e9 | 1 (8) | 8 |
 
-    Half of the work is spent on plain sequences. Besides the best sequence, only those within 0.2 %
-    of it are sharpened.
+    Half of the work is for plain sequences and their other starts. Besides the best sequence, only
+    those within 0.2 % of it are sharpened.
 
     Refused in `sequence`: fewer than two phases, or more than `phases`; a mass that does not exist
     or appears twice in a phase; fewer than `gait.resting` masses in a phase; the same masses in two
