@@ -409,6 +409,31 @@ def test_a_drawing_that_breaks_costs_no_numbers(
     assert speed_in(tmp_path / "results" / "fast_gait") == 2.0
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_who_interrupts_the_drawing_reads_that_the_result_is_saved(
+    tmp_path: Path, monkeypatch: Patch, capsys: Capture, number: int
+):
+    def draw(result: Result, name: str, path: Path) -> None:
+        if path.name == "motion.png":
+            signal.raise_signal(number)
+        path.write_text("")
+
+    monkeypatch.setattr(sys.modules["wormopt.pictures"], "draw", draw)
+    assert main(["run", "fast_gait"]) == 130
+    out, err = capsys.readouterr()
+    assert "interrupted; the result is saved, some pictures are not" in err
+    assert "nothing saved" not in err
+    assert "Saved in" in out
+    assert names(tmp_path / "results" / "fast_gait") == NUMBERS | {"gait.png"}
+    assert Result.load(tmp_path / "results" / "fast_gait").status == "ok"
+
+
+def test_progress_says_what_is_drawn(monkeypatch: Patch, capsys: Capture):
+    monkeypatch.setattr(progress, "_FIRST_LINE", 0.0)
+    assert main(["run", "fast_gait"]) == 0
+    assert ": drawing gait.png\n" in capsys.readouterr().err
+
+
 def test_ctrl_c_without_anything_to_keep(tmp_path: Path, capsys: Capture, study: Install):
     def stop(scene: Scene[Any], report: Report) -> Result:
         raise KeyboardInterrupt
