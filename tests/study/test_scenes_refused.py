@@ -157,6 +157,8 @@ HOSTILE_FILES = [
     (b"schema = ", "not valid TOML"),
     (b"schema = 1\nschema = 1", "not valid TOML"),
     (b"[worm]\n[worm]", "not valid TOML"),
+    (b"a = 1\nmass = 80 g  # each\n", 'put a value with a unit in quotes: "80 g"'),
+    (b"a = 1\nlength = [50mm, 70mm]", 'quotes: "50mm"'),
     (b"\xff\xfe", "not UTF-8"),
     (b"a = " + b"[" * 20000, "nested too deeply"),
     (b"a = " + b"9" * 5000, "not valid TOML"),
