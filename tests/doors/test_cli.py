@@ -315,6 +315,14 @@ def test_nothing_is_removed_that_wormopt_cannot_have_written(tmp_path: Path):
     assert (tmp_path / "outside.png").exists()
 
 
+def test_a_changed_summary_is_named_itself(tmp_path: Path, capsys: Capture):
+    assert main(["run", "fast_gait", "-o", "out"]) == 0
+    summary = tmp_path / "out" / "summary.json"
+    summary.write_text(summary.read_text(encoding="utf-8") + "x", encoding="utf-8")
+    assert main(["run", "fast_gait", "-o", "out"]) == 2
+    assert f"{summary}: was not written by wormopt, or was changed" in capsys.readouterr().err
+
+
 def test_a_folder_where_a_file_must_go_is_refused_even_by_force(
     tmp_path: Path, capsys: Capture, study: Install
 ):
