@@ -83,6 +83,14 @@ def test_a_step_is_seen_by_cvodes():
     assert found.end[1] == pytest.approx(1.22 * (60 - 9.842), rel=1e-4)
 
 
+@pytest.mark.parametrize("width", [0.02, 1e-3, 1e-6])
+def test_a_pulse_that_is_zero_at_its_ends_is_seen_by_cvodes(width):
+    """Implicit formulas see only the ends of steps."""
+    push = ca.fmax(1 - ((t - 0.5) / (width / 2)) ** 2, 0) / width
+    found = wo.simulate(scalar(push), 1.0, route="cvodes")
+    assert found.end[0] == pytest.approx(2 / 3, rel=1e-7)
+
+
 @pytest.mark.parametrize("count", [30, pytest.param(1000, marks=pytest.mark.slow)])
 def test_pulses_at_any_instant_move_a_block_as_far_as_they_should(count):
     model = pulse_on(lambda u, p: block(u, p=p))

@@ -184,7 +184,7 @@ def test_stiff_motions_with_switches_take_implicit_steps():
     tolerance = Tolerance(1e-7, 1e-8)
     t = np.linspace(0, 1700, 35)
     motion = simulate(relaxation(), 1700.0, times=t, dense=True, tolerance=tolerance)
-    assert motion.route == "python"
+    assert motion.route == "radau"
     (event,) = motion.events
     assert motion.n_steps < 2000
     assert motion.end[2] == 1
@@ -205,7 +205,7 @@ def test_where_implicit_steps_are_too_many_explicit_ones_go_on(monkeypatch: pyte
     monkeypatch.setattr(routes, "_STEPS_FOR_A_LOOK", 20)
     monkeypatch.setattr(routes, "_STEPS_IN_PYTHON", 20)
     many = simulate(relaxation(), 4000.0, tolerance=tolerance)
-    assert (few.route, many.route) == ("python", "native")
+    assert (few.route, many.route) == ("radau", "native")
     assert many.n_steps > 100 * few.n_steps
     assert many.end[2] == few.end[2] > 1
     assert many.events[0].time == pytest.approx(few.events[0].time, abs=1e-3)

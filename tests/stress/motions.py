@@ -112,7 +112,7 @@ def judge(cell: Cell | PlanarCell) -> Verdict:
     except Exception as error:
         return verdict("wrong", f"{type(error).__name__}: {error}")
     try:
-        implicit = motion.route in ("cvodes", "idas")
+        implicit = motion.route in ("cvodes", "idas", "radau")
         tight, loose = second_route(cell, model, times, implicit=implicit)
     except Exception as error:
         reason = f"second route: {type(error).__name__}: {' '.join(str(error).split())[:200]}"

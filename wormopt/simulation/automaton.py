@@ -197,7 +197,7 @@ class _Motion:
         self._crowd: list[float] = []  # times of recent events
         self._ended = False  # by a terminal switch
         self._clock = _Clock(task, p)
-        self._stepper = _stepper(task, p, modes, stiff)
+        self._stepper, self._stiff = _stepper(task, p, modes, stiff), stiff
         sharing = Sharing(task, p, modes) if system.exact and system.shares else None
         self._watch, self._layer = Watch(task, p, modes, sharing), Layer(task, p, modes)
         self._columns = columns = Columns(task, p, modes)
@@ -394,7 +394,7 @@ class _Motion:
         steps = [(end, rows) for end, rows in record.steps if end <= self._t]
         return Outcome(
             status=status,
-            route="python",
+            route="radau" if self._stiff else "python",
             t=float(self._t),
             x=x,
             samples=_table(samples, len(x)),

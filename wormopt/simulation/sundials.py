@@ -38,6 +38,8 @@ _LEAST_RELATIVE = 1e-14
 # Share of the local error that Newton's iteration may leave. With a tenth, CVODES's own, films with
 # floats lose 25 times as much energy.
 _NEWTON = 0.01
+# Share of a short piece of a schedule after which a step ends; not at zeros by symmetry.
+_WITHIN = 0.38
 # Number of times at which the state is always stored, for the comparison and for partial results.
 # One integrator covers this many at a time.
 _STATIONS = 64
@@ -85,14 +87,20 @@ def _refuse(task: InitialValueProblem) -> None:
 class _Grid:
     """Times at which the state is stored, and values in between.
 
-    They include all breaks of schedules, so that CasADi, which restarts its integrators at changes
-    of inputs, does so only at breaks.
+    They include all breaks of schedules: CasADi ends a step where an input changes. It does not
+    restart CVODES there, and implicit formulas see only the ends of steps: a step from break to
+    break would miss a pulse that vanishes at both. The last input therefore changes once within
+    each short piece.
     """
 
     def __init__(self, task: InitialValueProblem) -> None:
         start, end = task.span
         pieces = [_pieces(schedule, start, end) for schedule in task.schedules]
-        wanted = [task.times, np.linspace(start, end, _STATIONS + 1), *(p[0] for p in pieces)]
+        breaks = np.unique(np.concatenate([[start, end], *(p[0] for p in pieces)]))
+        sizes = np.diff(breaks)
+        within = (breaks[:-1] + _WITHIN * sizes)[sizes < 1.5 * task.max_step]
+        within = within if pieces else within[:0]
+        wanted = [task.times, np.linspace(start, end, _STATIONS + 1), breaks, within]
         times = np.unique(np.concatenate(wanted))
         gap = 1e-14 * max(abs(start), abs(end)) + 1e-13 * (end - start)
         times = times[np.concatenate([[True], np.diff(times) > gap])]
@@ -101,13 +109,14 @@ class _Grid:
         self.samples = np.searchsorted(times, task.times - gap)
         middle = (times[:-1] + times[1:]) / 2
         rows = [np.zeros((0, len(middle)))]
-        for breaks, values in pieces:
-            rows.append(values[np.searchsorted(breaks, middle) - 1].T)
+        for own, values in pieces:
+            rows.append(values[np.searchsorted(own, middle) - 1].T)
         self.scheduled = np.vstack(rows)
         if task.directions:
             along = task.directions.scheduled(task.system.n_fixed, task.schedules, middle)
             along = along[task.system.n_fixed :].swapaxes(0, 1).reshape(-1, len(middle))
             self.scheduled = np.vstack([self.scheduled, along])
+        self.scheduled = np.vstack([self.scheduled, np.searchsorted(within, middle) % 2])
 
     def parts(self, first: int, end: int) -> list[tuple[int, int]]:
         """Parts between two times of the grid in which an integrator may succeed, or get farther.
@@ -312,6 +321,8 @@ def _shared(system: System, sizes: tuple[float, ...]) -> _Equations:
 def _as_call(system: dict[str, ca.SX]) -> _Equations:
     names, found = ["t", "x", "z", "p", "u"], ["ode", "alg"]
     varied = {"jac_penalty": 0, "is_diff_in": [name in ("x", "z") for name in names]}
+    stop = ca.SX.sym("stop")  # ends a step where it changes, see _Grid
+    system = system | {"u": ca.vertcat(system["u"], stop)}
     inputs, outputs = [system[name] for name in names], [system[name] for name in found]
     call = ca.Function("dae", inputs, outputs, names, found, varied)
     symbols = {name: ca.MX.sym(name, *call.size_in(name)) for name in names}

@@ -118,7 +118,7 @@ class Trajectory(SampledMotion):
     system : System
         Model and treatment of its contacts.
     route : str
-        Integrator that was used: "native", "python", "cvodes" or "idas".
+        Integrator that was used: "native", "python", "radau", "cvodes" or "idas".
     p : ndarray
         Parameters, from `System.parameters`.
     schedules : tuple of Schedule

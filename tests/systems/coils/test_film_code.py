@@ -51,7 +51,8 @@ def test_equations_are_those_of_the_model(setup: FilmSetup, powers: int) -> None
     t, begin, length = 0.7, 0.3, 0.4
     if powers:
         layout, p, u = of_schedule(len(first), powers, 1), [0.0], [begin, *first, *growth]
-        u, since, pace = u[: 1 + powers * len(first)], (t - begin) * (powers - 1), 1.0
+        u = [*u[: 1 + powers * len(first)], 0.0]
+        since, pace = (t - begin) * (powers - 1), 1.0
     else:
         layout, p, u = of_piece(len(first)), [length, *first, *growth], []
         since, pace = t, length

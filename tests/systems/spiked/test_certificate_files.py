@@ -12,6 +12,7 @@ from certified import BEST_OF_THREE_LINKS, bound_of, g1, less
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError
+from wormopt.model.given import fields_of
 from wormopt.systems.spiked.certify.bound import at_once
 from wormopt.systems.spiked.certify.certificate import Certificate, verify
 from wormopt.systems.spiked.certify.program import Level, Outer, Program
@@ -24,7 +25,7 @@ from wormopt.systems.spiked.limits import Limits, Rates
 def certificate(task: GaitProblem, *level: int) -> Certificate:
     outer = Outer(Statement.of(task))
     bound, proof = Program(outer, Level(*level)).solve(60.0)
-    return Certificate.of(outer.statement.fields, proof, Fraction(bound) + Fraction(1, 10**8))
+    return Certificate.of(fields_of(outer.statement), proof, Fraction(bound) + Fraction(1, 10**8))
 
 
 SPIKED = g1(spike_load=25.0, actuator_force=20.0, drag=0.5)

@@ -20,7 +20,7 @@ from wormopt.systems.spiked.construct import gait_of_result
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.design import objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
-from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.search.orders import ceiling
 from wormopt.systems.spiked.search.trial import Trier
 from wormopt.systems.spiked.verify import violations
@@ -318,6 +318,16 @@ def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
     task = GaitProblem(G1_WORM, G1_LIMITS, Objective("energy_per_distance", 1.1))
     with pytest.raises(SolveError, match=r"objective\.speed = 1\.1 is above the ceiling 1"):
         designed(task, Search(), lambda *_: pytest.fail("it searched"))
+
+
+def test_a_required_speed_above_the_proven_bound_is_refused_after_the_first_orders():
+    task = GaitProblem(Worm(3, load=5.0), G1_LIMITS, Objective("peak_spike_load", 1.4))
+    stages = list[str]()
+    with pytest.raises(
+        SolveError, match=r"objective\.speed = 1\.4 is above 1\.35, the proven bound"
+    ):
+        designed(task, Search(workers=1), lambda stage, _: stages.append(stage))
+    assert set(stages) == {"constructed orders"}
 
 
 @pytest.mark.slow

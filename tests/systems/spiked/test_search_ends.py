@@ -16,15 +16,18 @@ from judged import check, interrupt_after
 from outcomes import told_by_a_run
 
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.progress import silent
 from wormopt.systems.spiked.construct import load_gait
+from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design import design as design_module
-from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design import optimize
+from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
-from wormopt.systems.spiked.search.search import Race
+from wormopt.systems.spiked.search.search import Race, Survey
 
 # -- ends before the end -------------------------------------------------------------------------
 
@@ -150,6 +153,36 @@ def test_a_speed_that_no_gait_reaches_is_named():
     """0.9 is below the ceiling 1, and above G1."""
     with pytest.raises(SolveError, match=r"objective\.speed smaller by"):
         design(G1_WORM, G1_LIMITS, "peak_spike_load", 0.9, search=OWN)
+
+
+@pytest.mark.parametrize("share", [0.99, 0.9999])
+def test_a_cost_at_nearly_the_fastest_speed_begins_with_the_fastest_motion(share: float):
+    """With drag velocities bend, and a climb from its durations alone ends below this speed."""
+    worm = Worm(links=2, mass=(0.939, 1.0, 1.66), drag=83.5, load=85.3)
+    limits = Limits(period=0.265, length=(0.73, 1.03), rate=1.45, acceleration=72.9)
+    fast = design(worm, limits, search=Search(effort="quick", sequence=((0,), (1,), (2,))))
+    task = GaitProblem(worm, limits, Objective("peak_spike_load", share * fast.speed))
+    assert fast.trial is not None
+    found = trial.Trier(task).with_the_motion(fast.trial)
+    assert found is not None
+    motion = crawl(found.gait, worm.masses, worm.drag, worm.load)
+    assert motion.speed >= share * fast.speed * (1 - 1e-8)
+    costs = [objective_of(each, "peak_spike_load") for each in (motion, fast.motion)]
+    assert costs[0] <= costs[1]
+
+
+@pytest.mark.parametrize(
+    ("ended", "error"), [("interrupted", KeyboardInterrupt), ("time limit", SolveError)]
+)
+def test_a_search_from_the_fastest_gaits_that_ends_early_says_so(ended, error, monkeypatch):
+    def nothing(task: GaitProblem, *_: Any) -> Survey:
+        how = "searched" if task.objective.minimise else ended
+        return Survey(task, (), frozenset(), 0, 0, how)
+
+    monkeypatch.setattr(optimize, "search", nothing)
+    task = GaitProblem(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.8))
+    with pytest.raises(error, match="time_limit" if error is SolveError else None):
+        designed(task, Search(), silent)
 
 
 # -- scenes --------------------------------------------------------------------------------------

@@ -188,6 +188,22 @@ def test_no_further_mass_rests_where_it_would_raise_the_peak():
     assert objective_of(motion, "peak_actuator_force") == pytest.approx(-sharp.value, rel=1e-6)
 
 
+@pytest.mark.parametrize("speed", [0.371, 0.392])
+def test_the_split_of_a_fast_gait_is_found(speed: float):
+    """Durations of the least force with any split suit no split of least actuation."""
+    worm = Worm(links=2, drag=37.0, load=6.41)
+    limits = Limits(
+        period=0.77, length=(0.603, 1.05), rate=1.57, acceleration=30.1, resting=2,
+        sharing="least_actuation",
+    )  # fmt: skip
+    task = GaitProblem(worm, limits, Objective("peak_actuator_force", speed))
+    found = Trier(task).near(((0, 1), (1, 2), (0, 2)), np.full(3, 0.77 / 3), 1)
+    assert found is not None
+    motion = crawl(found.gait, worm.masses, worm.drag, worm.loads(6.41), limits.sharing)
+    assert motion.speed >= speed * (1 - 1e-8)
+    assert objective_of(motion, "peak_actuator_force") == pytest.approx(found.cost, rel=1e-2)
+
+
 @pytest.mark.slow
 def test_a_gait_is_closed_where_exact_limits_cost_more_than_usual():
     """By the tolerance of the linear programs its value is 1e-7 too high."""

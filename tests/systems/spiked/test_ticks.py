@@ -240,6 +240,20 @@ def test_exported_lengths_are_multiples_of_a_step(tmp_path: Path):
     assert any("exceed gait.rate by 0.67 of it" in told for told in result.trust["warnings"])
 
 
+@pytest.mark.slow
+def test_the_fastest_gait_of_whole_ticks_is_a_gait_of_its_speed():
+    """The cheapest gait without ticks has a cycle next to which whole ticks are too slow."""
+    worm = Worm(links=3, mass=(1.57, 1.27, 1.9, 1.71), load=323.0)
+    limits = Limits(
+        period=(2.06, 3.68), length=(0.41, 0.53), rate=0.905, acceleration=170.0,
+        spike_load=2480.0, tick=0.0736,
+    )  # fmt: skip
+    quick = Search(effort="quick", workers=1)
+    fast = design(worm, limits, search=quick)
+    found = design(worm, limits, "peak_spike_load", fast.speed, search=quick)
+    assert found.speed >= fast.speed * (1 - 1e-9)
+
+
 def test_python_has_the_table():
     limits = LONG.vary(tick=0.09, length_step=0.001)
     found = ticked(GaitProblem(WORM, limits), QUICK, free(LONG), silent)

@@ -68,8 +68,8 @@ def of_piece(count: int) -> Layout:
 
 
 def of_schedule(count: int, powers: int, p: int) -> Layout:
-    """Equations of a driven Model: u is the begin of a piece and its coefficients by powers."""
-    return Layout(3, powers, p, 1 + powers * count, "arg[4] + 1", "t - arg[4][0]", "1.0")
+    """Equations of a driven Model: u holds the start of a piece, its coefficients, and a stop."""
+    return Layout(3, powers, p, 2 + powers * count, "arg[4] + 1", "t - arg[4][0]", "1.0")
 
 
 def compiled(setup: FilmSetup, layout: Layout) -> ca.Function | None:

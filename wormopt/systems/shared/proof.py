@@ -28,8 +28,8 @@ _AGREED, _TOLERANCES, _LARGEST = 1e-7, 1e3, 1e-2
 _SHARED = {
     "cvodes": "the model",
     "python": "the model; the coefficients of the steps; the rules for steps, events and contact "
-    "modes, though not their code",
-    "radau": "the model; the rules for events and contact modes, though not their code",
+    "modes",
+    "radau": "the model; the rules for events and contact modes",
     "steps without events": "the model",
 }
 # Implicit integrators take more steps than explicit ones of order 8.
@@ -45,6 +45,10 @@ _LONG = 30_000
 # of the first route.
 _IMPLICIT, _ROUGH = 4_000, 1e-2
 
+# A last event nearer to the end than this share of the time may happen in one route only.
+_LATE = 1e-6
+_AT_THE_END = "rounding decides whether the event there still happens"
+
 
 @dataclass(frozen=True)
 class CrossCheck:
@@ -55,7 +59,7 @@ class CrossCheck:
     error: float | None
     accepted: float  # largest error that is accepted
     shared: str = ""  # in common with the first route: errors there go undetected
-    reason: str = ""  # why the error is unknown
+    reason: str = ""  # why the error is unknown, or known at an earlier time only
     until: float | None = None  # time of the comparison, if before the end
 
     @property
@@ -106,7 +110,8 @@ def cross_check(
     events. Otherwise smooth systems are simulated by CasADi's implicit integrators, exact contact
     and switches by the Python event loop. If that was already the first method, it runs again
     with a tenth of `tolerance`. Implicit steps in Python are as accurate as the comparison needs. A
-    comparison that would take Python too long ends early, at the reported time `until`.
+    comparison that would take Python too long ends early, at the reported time `until`, and so does
+    one in which rounding decides whether an event at the end still happens.
     """
     if not recheck:
         return None
@@ -115,7 +120,7 @@ def cross_check(
     accepted = accepted_error(tolerance)
     if recheck == "independent" and route != "cvodes":
         return _without_events(model, motion, accepted, report)
-    label, shared = str(route), _SHARED[route]
+    label, shared, given = str(route), _shared(route, motion), tolerance
     if route == motion.route or model.alg.numel():
         label = motion.route
         label += " with a tenth of the tolerance"
@@ -123,8 +128,11 @@ def cross_check(
         relative = max(tolerance.relative / 10, 1e-14)
         tolerance = replace(tolerance, relative=relative, absolute=tolerance.absolute / 10)
 
-    def compared(implicit: Tolerance, most: int) -> CrossCheck:
+    def compared(implicit: Tolerance, most: int, before: float | None = None) -> CrossCheck:
         def again(by: Route, until: float, most: int) -> Trajectory:
+            return simulated(by, until, most, implicit if by == "radau" else tolerance)
+
+        def simulated(by: Any, until: float, most: int, within: Tolerance) -> Trajectory:
             return simulate(
                 model,
                 (start, until),
@@ -132,29 +140,38 @@ def cross_check(
                 p=p,
                 schedules=schedules,
                 times=[until],
-                tolerance=replace(implicit if by == "radau" else tolerance, max_steps=most),
+                tolerance=replace(within, max_steps=most),
                 route=by,
                 report=lambda _, fraction: report("rechecking", fraction),
             )
 
-        until, first = None, motion.end
+        until, first = before, motion.end
         try:
             if route == "cvodes" and motion.n_steps > _LONG:
                 begun = _begun(again, motion)
                 until, first = begun.end_time, begun.end
             second, through = _as_far_as_it_goes(again, route, motion, until, tolerance, most)
-            if not through:  # the stored first motion is only as exact as its interpolation
+            if before is not None or not through:  # a stored motion is only interpolated there
                 until = second.end_time
-                first = again("auto", until, motion.n_steps + motion.n_rejected + 1).end
+                steps = motion.n_steps + motion.n_rejected + 1
+                first = simulated(motion.route, until, steps, given).end
         except SolveError as error:
             return CrossCheck(label, None, accepted, shared, error.reason)
         by, own = label, shared
-        if route == "cvodes" and second.route == "python":
-            by, own = "python", _SHARED["python"]
+        if second.route != route and second.route in _SHARED:  # the second one failed
+            by, own = second.route, _shared(second.route, motion)
         sizes = nominal_of(model.x)
         size = np.maximum(sizes, np.abs(second.end))
-        error = np.max(np.abs(first[: model.n_x] - second.end) / size)
-        return CrossCheck(by, float(error), accepted, own, until=until)
+        error = float(np.max(np.abs(first[: model.n_x] - second.end) / size))
+        if before is not None:
+            return CrossCheck(by, error, accepted, own, _AT_THE_END, until)
+        late = min(accepted, _LATE) * (motion.end_time - start)
+        counts = [len(each.events) for each in (motion, second)]
+        times = [e.time for e in (*motion.events, *second.events)]
+        one_more = counts[0] != counts[1] and max(times) > motion.end_time - late
+        if until is None and one_more and not error <= accepted:
+            return compared(implicit, most, motion.end_time - 2 * late)
+        return CrossCheck(by, error, accepted, own, until=until)
 
     if label != "radau":
         return compared(tolerance, _IMPLICIT)
@@ -166,6 +183,14 @@ def cross_check(
     exact = compared(tolerance, _SPENT_IN_PYTHON)
     # agreement up to an earlier time does not excuse a later disagreement
     return found if found.error is not None and exact.reach < found.reach else exact
+
+
+def _shared(second: str, first: Trajectory) -> str:
+    """What a second route has in common with the first."""
+    in_python = {"python", "radau"}
+    if {second, first.route} == in_python:
+        return _SHARED["radau"] + ", and their code"
+    return _SHARED[second] + (", though not their code" if second in in_python else "")
 
 
 def _begun(again: Callable[[Route, float, int], Trajectory], motion: Trajectory) -> Trajectory:
@@ -224,9 +249,12 @@ def _as_far_as_it_goes(
             if error.partial and error.partial.end_time > motion.time[0]:
                 return error.partial, False
         # Newton steps may fail where explicit steps work, and implicit ones may miss a layer
-        elif route == "radau" or error.code == "layer_not_resolved":
-            short = replace(motion, n_steps=0)
-            return _as_far_as_it_goes(again, "python", short, until, tolerance, implicit)
+        elif route == "radau" or error.code in ("layer_not_resolved", "solver_failed"):
+            other: Route = "radau" if motion.route == "python" else "python"
+            # neither the first route again, nor equations that the event loop does not solve
+            if other != route and motion.route != "idas":
+                short = replace(motion, n_steps=0)
+                return _as_far_as_it_goes(again, other, short, until, tolerance, implicit)
         raise
 
 
@@ -288,9 +316,10 @@ def warnings_of_motion(motion: Trajectory, second: CrossCheck | None) -> Iterato
     if second is None:
         yield NOT_RECHECKED
     elif second.until is not None:
+        slow = f"it takes too long, because the first took {motion.n_steps} steps"
         yield (
             f"the second route ({second.route}) was compared at t = {second.until:.6g}, not "
-            f"at the end: it takes too long, because the first took {motion.n_steps} steps"
+            f"at the end: {second.reason or slow}"
         )
     if motion.route != "native" and compiler() is None:
         yield "no C compiler was found: the simulation is slower, but equally exact"

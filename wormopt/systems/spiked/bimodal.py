@@ -184,7 +184,7 @@ class _Track:
         return BimodalMotion(
             advance=self.x,
             speed=self.x / period,
-            glides=_glides(self.spells),
+            glides=_glides(switches, period),
             switches=switches,
             lambda_min=min(self.lambdas),
             lambda_max=max(self.lambdas),
@@ -234,16 +234,12 @@ def _switches(spells: list[Spell], shortest: float) -> tuple[tuple[float, frozen
     return tuple(switches)
 
 
-def _glides(spells: list[Spell]) -> tuple[tuple[float, float], ...]:
+def _glides(
+    switches: Sequence[tuple[float, frozenset[int]]], period: float
+) -> tuple[tuple[float, float], ...]:
     """Glides of the period; a glide across its end is one glide, not two."""
-    glides: list[tuple[float, float]] = []
-    for start, end, resting in spells:
-        if resting:
-            continue
-        if glides and glides[-1][1] == start:
-            start, _ = glides.pop()
-        glides.append((start, end))
-    period = spells[-1][1]
+    ends = [*(time for time, _ in switches[1:]), period]
+    glides = [(begin, end) for (begin, rest), end in zip(switches, ends, strict=True) if not rest]
     if len(glides) > 1 and glides[0][0] == 0.0 and glides[-1][1] == period:
         glides = [*glides[1:-1], (glides[-1][0], glides[0][1])]
     return tuple(glides)
@@ -286,19 +282,19 @@ class DrivenWorm:
         """Duration of a piece of the gait."""
         return float(self.gait.breaks[piece + 1] - self.gait.breaks[piece])
 
+    def _sampled(self) -> Iterator[tuple[int, np.ndarray]]:
+        for piece in range(self.gait.pieces):
+            yield piece, np.linspace(0, self.duration(piece), _SAMPLES)
+
     @cached_property
     def rate_scale(self) -> float:
         """Largest velocity in the period; 1 if nothing moves."""
-        grids = [np.linspace(0, self.duration(q), _SAMPLES) for q in range(self.gait.pieces)]
-        return max(self.velocities(q, s).max() for q, s in enumerate(grids)) or 1.0
+        return max(self.velocities(q, s).max() for q, s in self._sampled()) or 1.0
 
     @cached_property
     def force_scale(self) -> float:
         """Largest sum of the forces in sigma; 1 if there are none."""
-        largest = 0.0
-        for piece in range(self.gait.pieces):
-            s = np.linspace(0, self.duration(piece), _SAMPLES)
-            largest = max(largest, float(np.abs(self.spans(piece, s, 2)).max()))
+        largest = max(float(np.abs(self.spans(q, s, 2)).max()) for q, s in self._sampled())
         return largest * self.mass.max() + self.drag * self.rate_scale + self.load or 1.0
 
 

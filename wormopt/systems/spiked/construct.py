@@ -45,17 +45,10 @@ def fast_gait(period: float, rest_length: float = 2.0, elongation: float = 0.15)
     array([[2. , 2.6],
            [2. , 1.4]])
     """
-    size = rest_length * elongation
-    # Local time starts at 0 in each third, so cos(3 pi t) goes from 1 to -1 in each of them.
-    constant = np.array([[1, -1], [1, -2], [0, -1]]) * size + rest_length
-    cosine = np.array([[-1, 1], [1, 0], [0, -1]]) * size
-    return Gait(
-        np.array([0.0, 1 / 3, 2 / 3, 1.0]) * period,
-        constant[:, :, None].astype(float),
-        np.full(3, 3 * np.pi / period),
-        cosine.astype(float),
-        np.zeros((3, 2)),
-    )
+    stroke = 2 * rest_length * elongation
+    changes = stroke * np.array([[1.0, -1.0], [-1.0, 0.0], [0.0, 1.0]])
+    shortest = rest_length + np.minimum([stroke, -stroke], 0.0)
+    return _strokes(changes, period, shortest, "cosine")
 
 
 def travelling_sine(
@@ -116,13 +109,12 @@ def block_wave(
     Speed is (n + 1 - a) (difference of the lengths) / period, 1 ≤ a ≤ n. For "trapezoid",
     `ramp` is the share of a phase in which the rate rises, and falls: 0 (corners) to 0.5.
     """
-    short, long = length
     # A mass that moves in a phase gains one stroke relative to a resting mass.
     moves = np.array(
         [[i not in rest for i in range(links + 1)] for rest in block_wave_sequence(links, resting)]
     )
     changes = -np.diff(moves.astype(float), axis=1)  # l_j = x_j - x_{j+1}, in strokes per phase
-    return _strokes(changes * (long - short), period, length, profile, ramp)
+    return _strokes(changes * (length[1] - length[0]), period, length[0], profile, ramp)
 
 
 def accordion(
@@ -138,19 +130,22 @@ def accordion(
     `length` is (short, long); `profile` and `ramp` are those of `block_wave`.
     """
     changes = np.array([[-1.0] * links, [1.0] * links]) * (length[1] - length[0])
-    return _strokes(changes, period, length, profile, ramp)
+    return _strokes(changes, period, length[0], profile, ramp)
 
 
 def _strokes(
-    changes: np.ndarray, period: float, length: tuple[float, float], profile: Profile, ramp: float
+    changes: np.ndarray,
+    period: float,
+    shortest: float | np.ndarray,
+    profile: Profile,
+    ramp: float = 0.0,
 ) -> Gait:
     """Join equal phases in which link j changes its length by ``changes[phase, j]``."""
     phases, links = changes.shape
     width = period / phases
     after = np.cumsum(changes, axis=0)
     before = after - changes
-    # Every link uses its whole range: shift each so that its shortest length is the short one.
-    base = length[0] - np.minimum(before.min(axis=0), after.min(axis=0))
+    base = shortest - np.minimum(before.min(axis=0), after.min(axis=0))
     before = before + base
     if profile == "cosine":
         middle = before + changes / 2
@@ -161,7 +156,7 @@ def _strokes(
     breaks = [0.0]
     pieces = []
     for q in range(phases):
-        for _, stop, shape in rows:
+        for stop, shape in rows:
             powers = np.arange(len(shape))
             piece = changes[q][:, None] * shape * width ** -powers.astype(float)
             piece[:, 0] += before[q]
@@ -171,23 +166,20 @@ def _strokes(
     return Gait(np.array(breaks), np.array(pieces))
 
 
-Row = tuple[float, float, np.ndarray]
+Row = tuple[float, np.ndarray]
 
-# Shape of a unit stroke in a unit time: rows (start, stop, coefficients in time since start).
-_QUINTIC: list[Row] = [(0.0, 1.0, np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0]))]
+# Shape of a unit stroke in a unit time: rows (stop, coefficients in the time since the last stop).
+_QUINTIC: list[Row] = [(1.0, np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0]))]
 
 
 def _trapezoid(ramp: float) -> list[Row]:
     """Rate profile that rises linearly, stays constant, falls linearly; ramp 0 gives corners."""
     if ramp == 0.0:
-        return [(0.0, 1.0, np.array([0.0, 1.0]))]
+        return [(1.0, np.array([0.0, 1.0]))]
     top = 1.0 / (1.0 - ramp)
-    bend = top / (2 * ramp)
-    rise = (0.0, ramp, np.array([0.0, 0.0, bend]))
-    done = top * ramp / 2
-    cruise = (ramp, 1 - ramp, np.array([done, top, 0.0]))
-    fall = (1 - ramp, 1.0, np.array([1 - done, top, -bend]))
-    return [row for row in (rise, cruise, fall) if row[1] > row[0]]
+    bend, done = top / (2 * ramp), top * ramp / 2
+    cruise = [(1 - ramp, np.array([done, top, 0.0]))] if ramp < 0.5 else []
+    return [(ramp, np.array([0.0, 0.0, bend])), *cruise, (1.0, np.array([1 - done, top, -bend]))]
 
 
 def gait_of_result(result: Result, point: int | None = None) -> Gait:

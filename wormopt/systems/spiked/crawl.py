@@ -7,6 +7,7 @@ a smooth explicit function of time. The times of change are roots of these funct
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -35,26 +36,14 @@ class Crawl(SampledMotion):
     """Periodic motion of a worm with spikes under a prescribed gait.
 
     `motion[name]` returns samples of a signal, one of `names`, at the times `motion.time`.
-
-    Parameters
-    ----------
-    gait : Gait
-        Link lengths over time.
-    stretches : tuple of Stretch
-        Parts of the period with fixed resting masses, in order.
-    impulses : tuple of (float, float)
-        Time and size of each spike impulse at a corner of the gait.
-    drops : tuple of float
-        Times at which the kinematic velocity W0 jumps down and the worm is thrown forward.
-    drive : Drive
-        Gait, masses, drag and load as functions of time.
     """
 
-    gait: Gait
-    stretches: tuple[Stretch, ...]
-    impulses: tuple[tuple[float, float], ...]
+    gait: Gait  # link lengths over time
+    stretches: tuple[Stretch, ...]  # parts of the period with fixed resting masses, in order
+    impulses: tuple[tuple[float, float], ...]  # time and size of each on the spikes, at corners
+    # times at which the kinematic velocity W0 jumps down and the worm is thrown forward
     drops: tuple[float, ...]
-    drive: Drive
+    drive: Drive  # gait, masses, drag and load as functions of time
 
     @cached_property
     def _rows(self) -> dict[str, slice]:
@@ -158,20 +147,10 @@ class Crawl(SampledMotion):
         yield from self._resolve(replace(stretch, start=middle))
 
     def extremes(self, signal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest values (rows,) of a signal over the period.
+        """Smallest and largest values (rows,) of a signal over the period, not of its samples.
 
         Signals are ``length``, ``rate``, ``acceleration``, ``velocity``, ``reaction``, ``sigma``,
         ``reaction_mean``, ``actuator_force``, ``power``, ``glide`` and ``closure``.
-
-        Parameters
-        ----------
-        signal : str
-            Name of the signal.
-
-        Returns
-        -------
-        low, high : numpy.ndarray, shape (rows,)
-            Extremes of the functions of time, not of samples.
         """
         if signal not in self._extremes:
             ends = np.array([series.extremes() for series in self._series(signal)])
@@ -189,13 +168,7 @@ class Crawl(SampledMotion):
             yield Series(series.a, series.b, series.coefficients[rows])
 
     def integral(self, signal: str) -> np.ndarray:
-        """Integral (rows,) of a signal of `extremes` over the period.
-
-        Parameters
-        ----------
-        signal : str
-            Name of the signal.
-        """
+        """Integral (rows,) of a signal of `extremes` over the period."""
         rows = self._rows[signal]
         return np.sum([s.integral()[rows] for _, s in self.parts], axis=0)
 
@@ -246,10 +219,10 @@ class Crawl(SampledMotion):
     @cached_property
     def energy(self) -> float:
         """Energy spent by the actuators per period, without recovery."""
-        power, total = self._rows["power"], 0.0
-        for _, series in self.parts:
+        total = 0.0
+        for series in self._series("power"):
             primitive = series.primitive()
-            for row in range(power.start, power.stop):
+            for row in range(self.gait.links):
                 cuts = np.array([series.a, *series.roots(row), series.b])
                 total += float(np.maximum(np.diff(primitive(cuts)[row]), 0.0).sum())
         return total
@@ -273,30 +246,19 @@ class Crawl(SampledMotion):
     @cached_property
     def smallest_load(self) -> float:
         """Smallest load Gamma at which kinematics alone determines the motion; inf if none."""
-        if self.drops:
-            return float("inf")
-        return max(0.0, Region(self.drive).least_load(self.gait.period))
+        least = math.inf if self.drops else Region(self.drive).least_load(self.gait.period)
+        return max(0.0, least)
 
     @cached_property
     def smallest_period(self) -> float:
         """Smallest period at which kinematics alone determines the motion; inf if none."""
-        if self.drops:
-            return float("inf")
-        return Region(self.drive).least_period(self.drive.load)
+        return math.inf if self.drops else Region(self.drive).least_period(self.drive.load)
 
     def sample(self, points: int = 600) -> dict[str, np.ndarray]:
         """Sample all signals at about `points` times, with both sides of every jump.
 
-        Parameters
-        ----------
-        points : int, optional
-            Approximate number of times.
-
-        Returns
-        -------
-        dict of str to numpy.ndarray
-            ``time`` (m,), ``resting`` (n+1, m), ``position`` (n+1, m) and the signals of
-            `extremes`, each (rows, m).
+        Returns ``time`` (m,), ``resting`` (n+1, m), ``position`` (n+1, m) and the signals of
+        `extremes`, each (rows, m).
         """
         times, values, resting, head, travelled = [], [], [], [], 0.0
         rows = self._rows

@@ -101,7 +101,7 @@ def of_design(study: GaitStudy, found: Design) -> DesignReport:
         scalars["motor_acceleration_share"] = most / motor.acceleration_max
         checks.append(_check_of_motors(needed))
         facts |= assumed(study.units, motors=_MOTORS)
-    warnings = (*_warnings(found, study.search.effort), *_warnings_of_steps(rounded))
+    warnings = tuple(_warnings(found, study.search.effort, rounded))
     return DesignReport(
         objective, scalars, motion_variables(motion), tuple(checks), facts, warnings
     )
@@ -196,7 +196,7 @@ def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def _warnings(found: Design, effort: Effort) -> Iterator[str]:
+def _warnings(found: Design, effort: Effort, rounded: dict[str, float]) -> Iterator[str]:
     if effort == "quick":
         yield 'search.effort = "quick" tries few sequences; write "normal" or "thorough"'
     if not np.isfinite(found.error):
@@ -206,9 +206,6 @@ def _warnings(found: Design, effort: Effort) -> Iterator[str]:
         yield f"the last halving of the arcs still changed the objective by {size}"
     if found.ended not in DONE:
         yield f"the search ended early ({found.ended}): a longer search may find a better gait"
-
-
-def _warnings_of_steps(rounded: dict[str, float]) -> Iterator[str]:
     for name, value in rounded.items():
         if value > ACCEPTED:
             yield (

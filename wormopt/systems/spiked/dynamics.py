@@ -21,7 +21,7 @@ from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.schedule import Schedule
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.systems.shared.parameters import parameter
-from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.stretches import Drive, at_breaks, kinematic_stretches
 
@@ -78,49 +78,45 @@ def spiked_worm(
     )
 
 
-def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
-    """Formulate kinematic gait design as an optimal-control problem, periodic up to the advance."""
-    # Costs are about 1. Epigraph form: peaks become bounding constants, positive powers slacks.
-    n, period_range = worm.links, limits.period_range
-    ranges = np.array(limits.length_ranges(n))
+def gait_problem(task: GaitProblem) -> Problem:
+    """Formulate the design for a smooth cost as an optimal-control problem.
+
+    It is periodic up to the advance. Costs are about 1, positive powers are slacks.
+    """
+    worm, limits, required = task.worm, task.limits, task.objective.speed
+    assert required is not None
+    ranges, (_, longest) = np.array(limits.length_ranges(worm.links)), limits.period_range
     model = spiked_worm(
         worm.masses,
         worm.drag,
-        worm.loads(worm.load_range[-1 if limits.spike_load is not None else 0]),
+        worm.loads(worm.load_range[0]),
         length_nominal=float(ranges.max()),
-        time_nominal=period_range[1],
+        time_nominal=longest,
     )
     ends = Ends.of(model, 1)
     advance = ends.end[0] - ends.start[0]
-    speed_nominal = float(np.max(limits.rate_bounds(n)))
-    at_ends = [Constraint("start", ends.start[0], 0.0, 0.0, nominal=float(ranges.max()))]
-    way = advance
-    if objective.speed is not None:
-        reached = advance / ends.duration
-        at_ends += [Constraint("objective.speed", reached, objective.speed, nominal=speed_nominal)]
-        # Costs per distance stay finite at rest, where every start begins.
-        way = ca.fmax(advance, objective.speed * ends.duration / 2)
-    cost: dict[str, Any] = {"integrands": ca.SX(0)}
-    cost |= _cost(objective.minimise, model, ends, way, speed_nominal, period_range[1])
+    # costs per distance stay finite at rest, where every start begins
+    cost = _cost(task, model, ends, ca.fmax(advance, required * ends.duration / 2))
+    reached = advance / ends.duration
     return Problem(
         model=model,
         ends=ends,
-        duration=period_range,
+        duration=limits.period_range,
         periodic=["length", "velocity", "rate"],
-        path_constraints=[*_limits_along(model, limits, n, ranges), *cost.pop("along", ())],
-        boundary_constraints=at_ends,
-        sharing=_sharing(model, limits, GaitProblem(worm, limits, objective).loads_matter),
-        impulses=limits.impulses,
+        path_constraints=[*_limits_along(model, limits, ranges), *cost.pop("along", ())],
+        boundary_constraints=[
+            Constraint("start", ends.start[0], 0.0, 0.0, nominal=float(ranges.max())),
+            Constraint("objective.speed", reached, required, nominal=task.speed_nominal),
+        ],
+        sharing=_sharing(model, limits, task.loads_matter),
         **cost,
     )
 
 
-def _limits_along(
-    model: Model, limits: Limits, links: int, ranges: np.ndarray
-) -> Iterator[Constraint]:
+def _limits_along(model: Model, limits: Limits, ranges: np.ndarray) -> Iterator[Constraint]:
     x, named, (low, high) = {s.name: s for s in model.x}, limits.name, ranges.T
     yield Constraint(f"{named}.length", x["length"].symbol, low, high, x["length"].nominal)
-    if (rates := limits.rate_limits(links)) is not None:
+    if (rates := limits.rate_limits(len(ranges))) is not None:
         contraction, extension = np.array(rates)
         size = float(np.max(rates))
         yield Constraint(f"{named}.rate", x["rate"].symbol, -contraction, extension, size)
@@ -159,38 +155,27 @@ def _sharing(model: Model, limits: Limits, matter: bool) -> Callable[[ca.SX], ca
     return least_actuation
 
 
-def _cost(
-    minimise: Cost | None, model: Model, ends: Ends, way: ca.SX, speed: float, time: float
-) -> dict[str, Any]:
-    """Terms of an objective in the problem; `way` is per period, `speed` and `time` are sizes."""
-    force = float(sum(c.nominal_force for c in model.contacts))
-    match minimise:
-        case None:
-            return {"minimise": -way / ends.duration / speed}
-        case "acceleration_effort":
-            u = model.u[0]
-            return {
-                "minimise": ends.integrals[0] * time / ends.duration,
-                "integrands": ca.sumsqr(u.symbol / u.nominal) / time,
-            }
-        case "energy_per_distance":
-            power, nominal = model["power"], force * speed
-            spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal, 0)
-            return {
-                "minimise": ends.integrals[0] * time * speed / way,
-                "integrands": ca.sum1(spent.symbol) / nominal / time,
-                "slacks": (spent,),
-                "along": (
-                    Constraint("power", spent.symbol - power, 0.0, nominal=nominal),
-                    Constraint("power", spent.symbol, 0.0, nominal=nominal),
-                ),
-            }
-    forces = model.forces
-    if minimise == "peak_actuator_force":
-        forces = ca.vertcat(model["actuator_force"], -model["actuator_force"])
-    peak = Signal("peak", ca.SX.sym("peak"), "force", force, 0.0)  # smallest upper bound
-    bound = Constraint(minimise, forces - peak.symbol, upper=0.0, nominal=force)
-    return {"minimise": peak.symbol / force, "along": (bound,), "design": (peak,)}
+def _cost(task: GaitProblem, model: Model, ends: Ends, way: ca.SX) -> dict[str, Any]:
+    """Terms of the cost in the problem; `way` is the advance."""
+    _, time = task.limits.period_range
+    if task.objective.minimise == "acceleration_effort":
+        u = model.u[0]
+        return {
+            "minimise": ends.integrals[0] * time / ends.duration,
+            "integrands": ca.sumsqr(u.symbol / u.nominal) / time,
+        }
+    power, speed = model["power"], task.speed_nominal
+    nominal = float(sum(c.nominal_force for c in model.contacts)) * speed
+    spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal, 0)
+    return {
+        "minimise": ends.integrals[0] * time * speed / way,
+        "integrands": ca.sum1(spent.symbol) / nominal / time,
+        "slacks": (spent,),
+        "along": (
+            Constraint("power", spent.symbol - power, 0.0, nominal=nominal),
+            Constraint("power", spent.symbol, 0.0, nominal=nominal),
+        ),
+    }
 
 
 # A smaller jump of a rate, as a share of the largest rate, is rounding.
@@ -200,26 +185,10 @@ _NO_CORNER = 1e-9
 def driven_worm(gait: Gait, mass: float | Sequence[float], drag: float, load: float) -> Model:
     """Build the bimodal system of a gait that repeats from time 0, where the worm is at rest.
 
-    Parameters
-    ----------
-    gait : Gait
-        Link lengths over a period, without corners.
-    mass : float or sequence of float, shape (n+1,)
-        Point masses, head first.
-    drag, load : float
-        Viscous drag k and load Gamma on every mass.
-
-    Returns
-    -------
-    Model
-        States are ``position`` of the head and ``glide`` w; parameters are ``mass``, ``drag`` and
-        ``load``. Outputs are ``velocity`` (n+1), ``spike_load`` (sum of all spikes),
-        ``actuator_force`` (n) and ``length`` (n). Resting masses share the load equally.
-
-    Raises
-    ------
-    ArgumentError
-        If the gait has a corner, where forces are impulses, or if a mass is not positive.
+    States are ``position`` of the head and ``glide`` w; parameters are ``mass``, ``drag`` and
+    ``load``. Outputs are ``velocity`` (n+1), ``spike_load`` (sum of all spikes),
+    ``actuator_force`` (n) and ``length`` (n). Resting masses share the load equally. Raises
+    ArgumentError if the gait has a corner, where forces are impulses, or a mass is not positive.
     """
     n = gait.links
     drive = Drive(gait, np.ones(n + 1), 0.0, 0.0, "equal")

@@ -71,12 +71,6 @@ REGION_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
 }
 """Periods and loads at which kinematics alone determines the motion."""
 
-REGION_SCALARS: dict[str, tuple[str, str]] = {
-    "region_gait_load": ("force", "*Γ* of the scene, including the weight along the slope"),
-    "region_spike_strength": ("force", "load at which a spike breaks"),
-}
-"""Load of the scene and strength of a spike on that map."""
-
 
 class MapRange(Given):
     """Range of periods and loads on the map `region`."""
@@ -206,14 +200,40 @@ class GaitMotion(Study, kind="gait"):
 
     # -- the map over periods and loads ------------------------------------------------------------
 
-    @scalars(REGION_SCALARS, when="is_mapped")
-    def of_map(self) -> Mapping[str, Any]:
-        strength = self.region.spike_load if self.region else None
-        return {"region_gait_load": self.motion.drive.load, "region_spike_strength": strength}
+    @scalar("force", "*Γ* of the scene, including the weight along the slope", when="is_mapped")
+    def region_gait_load(self) -> float:
+        return self.motion.drive.load
+
+    @scalar("force", "load at which a spike breaks", when="is_mapped")
+    def region_spike_strength(self) -> float | None:
+        return self.region.spike_load if self.region else None
 
     @stage
     def map_of_periods_and_loads(self) -> dict[str, np.ndarray]:
-        return mapped(self.region or MapRange(), self.motion)
+        table, drive = self.region or MapRange(), self.motion.drive
+        if self.motion.corners:
+            raise SolveError(
+                "the gait has corners; there forces are impulses at every period and load, so the "
+                "region is undefined",
+                "smooth its corners (a `ramp`, another `profile`), or remove `region` from `want`",
+            )
+        region, period = Region(drive), drive.gait.period
+        most = 2 * max(drive.load, region.least_load(period), 0.0) or drive.force_scale
+        first, last = table.periods or (period / 2, 2 * period)
+        lightest, heaviest = table.loads or (0.0, most)
+        periods, loads = np.linspace(first, last, _PERIODS), np.linspace(lightest, heaviest, _LOADS)
+        least = np.array([region.least_load(t) for t in periods])
+        peaks = np.array([region.spike_loads(t, loads) for t in periods])
+        variables = {
+            "region_period": periods,
+            "region_load": loads,
+            "region_spike_load": np.where(loads >= least[:, None], peaks, np.nan),
+            "region_least_load": least,
+        }
+        if table.spike_load is not None:
+            breaks = [region.most_load(t, table.spike_load) for t in periods]
+            variables["region_most_load"] = np.array(breaks)
+        return variables
 
     @arrays(REGION_VARIABLES, when="is_mapped")
     def the_map(self) -> Mapping[str, Any]:
@@ -221,56 +241,25 @@ class GaitMotion(Study, kind="gait"):
 
     @checks
     def of_the_map(self) -> Iterator[Check]:
-        if self.is_mapped:
-            periods = self.map_of_periods_and_loads["region_period"]
-            yield from _checks(Region(self.motion.drive), periods)
-
-
-def mapped(table: MapRange, motion: Crawl) -> dict[str, np.ndarray]:
-    """Map the periods and loads at which kinematics determines a gait."""
-    drive, region = motion.drive, Region(motion.drive)
-    if motion.corners:
-        raise SolveError(
-            "the gait has corners; there forces are impulses at every period and load, so the "
-            "region is undefined",
-            "smooth its corners (a `ramp`, another `profile`), or remove `region` from `want`",
-        )
-    period = drive.gait.period
-    most = 2 * max(drive.load, region.least_load(period), 0.0) or drive.force_scale
-    first, last = table.periods or (period / 2, 2 * period)
-    lightest, heaviest = table.loads or (0.0, most)
-    periods, loads = np.linspace(first, last, _PERIODS), np.linspace(lightest, heaviest, _LOADS)
-    least = np.array([region.least_load(t) for t in periods])
-    peaks = np.array([region.spike_loads(t, loads) for t in periods])
-    variables = {
-        "region_period": periods,
-        "region_load": loads,
-        "region_spike_load": np.where(loads >= least[:, None], peaks, np.nan),
-        "region_least_load": least,
-    }
-    if table.spike_load is not None:
-        breaks = [region.most_load(t, table.spike_load) for t in periods]
-        variables["region_most_load"] = np.array(breaks)
-    return variables
-
-
-def _checks(region: Region, periods: np.ndarray) -> Iterator[Check]:
-    """Simulate the dynamics at random periods with loads on both sides of the border."""
-    numbers, wrong, off = np.random.default_rng(0), 0, 0.0
-    for period in numbers.uniform(periods[0], periods[-1], _CHECKED):
-        border = region.least_load(period)
-        for side in (-1, 1):
-            load = border * (1 + side * numbers.uniform(*_ASIDE))
-            if border <= 0:  # no load is needed: there is one side only
-                load = numbers.uniform(0.0, region.drive.force_scale)
-            glides, total = _simulated(region.drive, period, load)
-            wrong += glides != (load < border)
-            if not glides:
-                off = max(off, abs(total / region.total_load(period, load) - 1))
-    advice = "the simulated worm glides where the map predicts no gliding, or vice versa"
-    yield Check("sides of the border, simulated", wrong, 0, advice)
-    advice = "the simulated spike loads differ from those of the map"
-    yield Check("loads of the map, simulated", off, _LOAD_OFF, advice)
+        """Simulate at random periods with loads on both sides of the border."""
+        if not self.is_mapped:
+            return
+        periods, region = self.map_of_periods_and_loads["region_period"], Region(self.motion.drive)
+        numbers, wrong, off = np.random.default_rng(0), 0, 0.0
+        for period in numbers.uniform(periods[0], periods[-1], _CHECKED):
+            border = region.least_load(period)
+            for side in (-1, 1):
+                load = border * (1 + side * numbers.uniform(*_ASIDE))
+                if border <= 0:  # no load is needed: there is one side only
+                    load = numbers.uniform(0.0, region.drive.force_scale)
+                glides, total = _simulated(region.drive, period, load)
+                wrong += glides != (load < border)
+                if not glides:
+                    off = max(off, abs(total / region.total_load(period, load) - 1))
+        advice = "the simulated worm glides where the map predicts no gliding, or vice versa"
+        yield Check("sides of the border, simulated", wrong, 0, advice)
+        advice = "the simulated spike loads differ from those of the map"
+        yield Check("loads of the map, simulated", off, _LOAD_OFF, advice)
 
 
 def _simulated(drive: Drive, period: float, load: float) -> tuple[bool, float]:

@@ -169,20 +169,15 @@ class GaitDesign(DesignTable, kind="gait-design"):
         yield from faults or self._faults_of_loads()
         yield from self.objective.faults_in_scene()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
-        wanted, objective = self.search.certify, self.objective
-        if wanted is None:
+        if self.search.certify is None:
             if "certificate" in self.want:
-                yield (
-                    "want",
-                    '"certificate" is given without a proof; add a table [search.certify]',
-                )
-            return
-        if objective.is_smooth:
+                yield "want", '"certificate" is given without a proof; add a table [search.certify]'
+        elif self.objective.is_smooth:
             yield (
                 "search.certify",
-                f"a proof is not available for minimise = {objective.minimise!r}, only for speed, "
-                "peak_spike_load and peak_actuator_force; remove the table, or choose another "
-                "objective",
+                f"a proof is not available for minimise = {self.objective.minimise!r}, only for "
+                "speed, peak_spike_load and peak_actuator_force; remove the table, or choose "
+                "another objective",
             )
 
     # -- the design --------------------------------------------------------------------------------
@@ -340,20 +335,16 @@ class GaitDesign(DesignTable, kind="gait-design"):
         elif self.is_complete:
             known["sensitivity"] = f"unknown: {self.why_insensitive}"
         if self.has_proof:
-            known["certificate"] = self._of_certificate()
-        return known
-
-    def _of_certificate(self) -> dict[str, Any]:
-        """Facts of the proof."""
-        known: dict[str, Any] = {
-            "holds_for": "every gait with any resting sequence, number of phases and cycles in "
-            f"which gait.resting = {self.gait.resting} and all other limits hold at all times",
-            "source": self.proven.source,
-        }
-        if self.verification is not None:
-            known["verified_inequalities"] = self.verification.inequalities
-        if self.search.certify is not None:
-            known |= {"ended": self.proven.ending, "wanted_gap": self.search.certify.gap}
+            proof: dict[str, Any] = {
+                "holds_for": "every gait with any resting sequence, number of phases and cycles in "
+                f"which gait.resting = {self.gait.resting} and all other limits hold at all times",
+                "source": self.proven.source,
+            }
+            if self.verification is not None:
+                proof["verified_inequalities"] = self.verification.inequalities
+            if self.search.certify is not None:
+                proof |= {"ended": self.proven.ending, "wanted_gap": self.search.certify.gap}
+            known["certificate"] = proof
         return known
 
     @warnings
@@ -362,16 +353,13 @@ class GaitDesign(DesignTable, kind="gait-design"):
         if self.search.certify is None or not self.has_proof:
             return
         missed = f"the gap {self.search.certify.gap:g} was not reached"
-        match self.proven.ending:
-            case "time limit" | "interrupted":
-                yield f"{missed} ({self.proven.ending}): increase search.certify.time_limit"
-            case "finest program":
-                yield (
-                    f"{missed} with the largest program; either a better gait exists (try "
-                    'search.effort = "thorough"), or the bound is not tight'
-                )
-            case _:
-                pass
+        if self.proven.ending in ("time limit", "interrupted"):
+            yield f"{missed} ({self.proven.ending}): increase search.certify.time_limit"
+        elif self.proven.ending == "finest program":
+            yield (
+                f"{missed} with the largest program; either a better gait exists (try "
+                'search.effort = "thorough"), or the bound is not tight'
+            )
 
     @attributes
     def shown(self) -> Mapping[str, Any]:

@@ -95,11 +95,6 @@ class Point:
         """The cost."""
         return float(self.result.scalars[self.cost].value)
 
-    @property
-    def binding(self) -> str:
-        """Limits that bind."""
-        return self.result.attributes["binding"]
-
 
 @dataclass(frozen=True)
 class Points:
@@ -262,13 +257,14 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
             return Result(self.name, self.kind, status="failed", reason=str(reason))
         if found.ended == "interrupted":
             raise KeyboardInterrupt
-        own = of_design(self, found)
+        own, kept = of_design(self, found), found.survey.known(_KNOWN)
+        good = [(o, None if times is None else times.tolist(), n) for o, times, n in kept.good]
         scalars = own.scalars | {COST_SCALARS[against]: objective_of(found.motion, against)}
         return self.concluded(
             {name: self.with_unit(name, value) for name, value in scalars.items()},
             [self.variable(name, values) for name, values in own.variables.items()],
             own.checks, own.warnings, own.facts,
-            {"binding": _binding(found)} | _kept(found.survey.known(_KNOWN)),
+            {"binding": _binding(found), "good": good, "poor": sorted(kept.poor)},
         )  # fmt: skip
 
     def stopped(self) -> str:
@@ -281,10 +277,40 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
     def whole_front(self) -> Front:
         # a mirrored sequence counts as the same where a mirrored gait is as good
         mirror, masses = is_mirror_symmetric(self.task(Objective())), self.worm.links + 1
-        words = [canonical(p.sequence, masses, mirror=mirror) for p in self.front.found]
+        points, against = self.front.found, self.pareto.against
+        words = [canonical(p.sequence, masses, mirror=mirror) for p in points]
         numbers = {word: k for k, word in enumerate(dict.fromkeys(words))}
         orders = np.array([numbers[word] for word in words])
-        return front_of(self.front.found, orders, self.pareto.against)
+        unit = points[0].result.scalars[points[0].cost].unit
+        ok = np.array([p.result.status == "ok" for p in points])
+        speed, costs = np.array([p.speed for p in points]), np.array([p.value for p in points])
+        # a faster gait of the same cost is better too
+        rivals = [costs[k + 1 :][ok[k + 1 :]] for k in range(len(points))]
+        beaten = np.array([np.any(r <= c * (1 + 1e-9)) for c, r in zip(costs, rivals, strict=True)])
+        accepted = ok & ~beaten
+        at = _knee(speed, costs, accepted)
+        breaks, polynomial = _gaits([p.result for p in points])
+        return Front(
+            knee=points[at].result,
+            beaten=int(np.sum(beaten)),
+            front_objective=against,
+            front_points=int(accepted.sum()),
+            front_knee=at,
+            front_jumps=int(np.count_nonzero(np.diff(orders[accepted]))),
+            front_speeds=speed.tolist(),
+            front_values=Scalar(costs.tolist(), unit),
+            front_counted=accepted.tolist(),
+            front_sequences=[p.sequence for p in points],
+            front_resting=[p.result.scalars["resting_min"].value for p in points],
+            front_binding=[p.result.attributes["binding"] for p in points],
+            speed_max=float(speed.max()),
+            front_speed=speed,
+            front_value=Variable("front_value", unit, ("point",), costs, against.replace("_", " ")),
+            front_accepted=accepted,
+            front_order=orders,
+            front_gait_breaks=breaks,
+            front_gait_polynomial=polynomial,
+        )
 
     @scalars(
         DESIGN_SCALARS
@@ -338,12 +364,6 @@ def _order(phases: Sequence[Sequence[int]]) -> Sequence_:
     return tuple(map(tuple, phases))
 
 
-def _kept(known: Known) -> dict[str, Any]:
-    """JSON data of `Point.known`."""
-    good = [(o, None if times is None else times.tolist(), n) for o, times, n in known.good]
-    return {"good": good, "poor": sorted(known.poor)}
-
-
 def _binding(found: Design) -> str:
     """List the limits that bind a gait, except those that every gait meets exactly."""
     exact = {"resting", "tick", "closed"}
@@ -353,41 +373,6 @@ def _binding(found: Design) -> str:
         key.rpartition(".")[2] for key, excess in found.violations.items() if excess > -_BINDS
     ]
     return ", ".join(key for key in binding if key not in exact)
-
-
-def front_of(points: list[Point], orders: np.ndarray, against: str) -> Front:
-    """Front of points, slowest first; `orders` number their resting sequences."""
-    unit = points[0].result.scalars[points[0].cost].unit
-    ok = np.array([p.result.status == "ok" for p in points])
-    speed, costs = np.array([p.speed for p in points]), np.array([p.value for p in points])
-    beaten = np.array(
-        # a faster gait of the same cost is better too
-        [np.any(costs[i + 1 :][ok[i + 1 :]] <= costs[i] * (1 + 1e-9)) for i in range(len(points))]
-    )
-    accepted = ok & ~beaten
-    at = _knee(speed, costs, accepted)
-    breaks, polynomial = _gaits([p.result for p in points])
-    return Front(
-        knee=points[at].result,
-        beaten=int(np.sum(beaten)),
-        front_objective=against,
-        front_points=int(accepted.sum()),
-        front_knee=at,
-        front_jumps=int(np.count_nonzero(np.diff(orders[accepted]))),
-        front_speeds=speed.tolist(),
-        front_values=Scalar(costs.tolist(), unit),
-        front_counted=accepted.tolist(),
-        front_sequences=[p.sequence for p in points],
-        front_resting=[p.result.scalars["resting_min"].value for p in points],
-        front_binding=[p.binding for p in points],
-        speed_max=float(speed.max()),
-        front_speed=speed,
-        front_value=Variable("front_value", unit, ("point",), costs, against.replace("_", " ")),
-        front_accepted=accepted,
-        front_order=orders,
-        front_gait_breaks=breaks,
-        front_gait_polynomial=polynomial,
-    )
 
 
 def _gaits(results: list[Result]) -> tuple[np.ndarray, np.ndarray]:
@@ -424,7 +409,8 @@ def table_of(points: list[Point], front: Front) -> str:
         masses = ", ".join("+".join(map(str, resting)) for resting in point.sequence)
         numbers = (str(k), f"{point.speed:.6g}", f"{point.value:.6g}")
         cycles = str(point.result.scalars["cycles"].value)
-        rows.append((*numbers, masses, cycles, point.binding, "; ".join(notes)))
+        binding = point.result.attributes["binding"]
+        rows.append((*numbers, masses, cycles, binding, "; ".join(notes)))
     widths = [max(3, *map(len, column)) for column in zip(head, *rows, strict=True)]
     lines = [head, tuple("-" * width for width in widths), *rows]
     return "".join(

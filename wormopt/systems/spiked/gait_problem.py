@@ -247,15 +247,11 @@ class Objective(Given, kw_only=False):
     @property
     def quantity(self) -> str:
         """Physical quantity of the objective, a name for `unit_of`."""
-        match self.minimise:
-            case None:
-                return "speed"
-            case "energy_per_distance":
-                return "energy_per_distance"
-            case "acceleration_effort":
-                return "acceleration_squared"
-            case _:
-                return "force"
+        of_smooth = {
+            "energy_per_distance": "energy_per_distance",
+            "acceleration_effort": "acceleration_squared",
+        }
+        return "speed" if self.minimise is None else of_smooth.get(self.minimise, "force")
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield conflicts between the keys of this table."""
@@ -335,8 +331,8 @@ class Search(Given):
     | `normal` | 160 | 4 | 240 | 2 | 7e8 | 1 (3) | 4 |
     | `thorough` | 1000 | 8 | 800 | 2 | 6e9 | 1 (8) | 8 |
 
-    Half of the work is spent on plain sequences. Besides the best sequence, only those within 0.2 %
-    of it are sharpened.
+    Half of the work is for plain sequences and their other starts. Besides the best sequence, only
+    those within 0.2 % of it are sharpened.
 
     Refused in `sequence`: fewer than two phases, or more than `phases`; a mass that does not exist
     or appears twice in a phase; fewer than `gait.resting` masses in a phase; the same masses in two

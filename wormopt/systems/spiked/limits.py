@@ -135,15 +135,12 @@ class Limits(Given, kw_only=False):
     def ticks_of(self, period: float) -> tuple[int, ...]:
         """Numbers of ticks of a cycle next to a period: the nearest below and above it.
 
+        One if the period is a whole number of ticks; empty without a tick.
+
         Parameters
         ----------
         period : float
             Period of a cycle under the other limits.
-
-        Returns
-        -------
-        tuple of int
-            Two numbers, or one if the period is a whole number of ticks; empty without a tick.
 
         Examples
         --------
@@ -209,10 +206,6 @@ class Limits(Given, kw_only=False):
         ----------
         links : int
             Number of links.
-
-        Returns
-        -------
-        contraction, extension : tuple of float
         """
         if self.rate is None:
             return None
@@ -221,7 +214,7 @@ class Limits(Given, kw_only=False):
         return per(self.rate, links), per(self.rate, links)
 
     def rate_bounds(self, links: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Largest contraction and extension rates, given or implied by length and acceleration.
+        """Largest contraction and extension rate of each link, given or implied.
 
         A link that oscillates within a range R with acceleration at most a is never faster than
         sqrt(a R), because it starts from and returns to rate 0 within that range.
@@ -230,11 +223,6 @@ class Limits(Given, kw_only=False):
         ----------
         links : int
             Number of links.
-
-        Returns
-        -------
-        contraction, extension : tuple of float
-            One number per link each.
 
         Examples
         --------

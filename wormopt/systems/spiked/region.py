@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -28,17 +28,16 @@ class Region:
     @cached_property
     def _needs(self) -> tuple[tuple[int, Series], ...]:
         """Masses at rest, and the parts of sigma by inertia and by drag, stretch by stretch."""
-        cells = kinematic_stretches(self.drive)
-        return tuple((len(cell.resting), self._parts(cell)) for cell in cells)
+        drive, degree = self.drive, exact_degree(self.drive.gait)
 
-    def _parts(self, cell: Stretch) -> Series:
-        drive = self.drive
-
-        def parts(s: np.ndarray) -> np.ndarray:
+        def parts(cell: Stretch, s: np.ndarray) -> np.ndarray:
             v, a = drive.kinematic(cell.piece, cell.leader, s)
             return np.vstack([drive.mass @ a / len(drive.mass), drive.drag * v.mean(axis=0)])
 
-        return resolve(parts, cell.start, cell.stop, exact_degree(drive.gait))
+        return tuple(
+            (len(cell.resting), resolve(partial(parts, cell), cell.start, cell.stop, degree))
+            for cell in kinematic_stretches(drive)
+        )
 
     def _extremes(self, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Masses at rest, and smallest and largest sigma without load, of every stretch."""

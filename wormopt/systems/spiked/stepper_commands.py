@@ -350,7 +350,26 @@ class StepperCommands(Study, kind="stepper"):
 
     @parts(Reversal)
     def reversal(self) -> Reversal:
-        return closest_reversal(self.lengths, self.steps)
+        """The one with the shortest pause of all motors."""
+        steps = self.steps
+        motors = [(j, *steps.of_motor(j)) for j in range(steps.links)]
+        _, j, k = min(
+            (float(at[k + 1] - at[k]), j, int(k))
+            for j, at, direction in motors
+            for k in np.flatnonzero(np.diff(direction))
+        )
+        at, _ = steps.of_motor(j)
+        first, last = at[max(0, k + 1 - _SHOWN)], at[min(len(at) - 1, k + _SHOWN)]
+        margin = 0.03 * (last - first)
+        first, last = max(0.0, first - margin), min(steps.period, last + margin)
+        shown = at[(at >= first) & (at <= last)]
+        t = np.unique(np.concatenate([np.linspace(first, last, 401), shown]))
+        return Reversal(
+            turn_time=t,
+            turn_length=self.lengths(t)[j],
+            turn_commanded=steps.lengths(t)[j],
+            turn_link=np.array([j]),
+        )
 
     @check("replay_accepted", "the replayed steps differ from the gait by {value:.4g} microsteps")
     def replayed_steps(self) -> float:
@@ -428,27 +447,6 @@ def short_pauses(stepper: Stepper, needed: Demand, steps: Steps) -> Iterator[str
                 "fast as the gait's largest rate and faster than motor.start_rate: it may lose "
                 "steps; increase motor.hysteresis, or use a gait with smoother reversals"
             )
-
-
-def closest_reversal(gait: Gait, steps: Steps) -> Reversal:
-    """Samples of one link near the reversal with the shortest pause of all motors."""
-    motors = [(j, *steps.of_motor(j)) for j in range(steps.links)]
-    _, j, k = min(
-        (float(at[k + 1] - at[k]), j, int(k))
-        for j, at, direction in motors
-        for k in np.flatnonzero(np.diff(direction))
-    )
-    at, _ = steps.of_motor(j)
-    first, last = at[max(0, k + 1 - _SHOWN)], at[min(len(at) - 1, k + _SHOWN)]
-    margin = 0.03 * (last - first)
-    first, last = max(0.0, first - margin), min(steps.period, last + margin)
-    t = np.unique(np.concatenate([np.linspace(first, last, 401), at[(at >= first) & (at <= last)]]))
-    return Reversal(
-        turn_time=t,
-        turn_length=gait(t)[j],
-        turn_commanded=steps.lengths(t)[j],
-        turn_link=np.array([j]),
-    )
 
 
 # -- files ---------------------------------------------------------------------------------------

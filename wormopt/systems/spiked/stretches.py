@@ -242,12 +242,9 @@ def _glide_or_hold(drive: Drive, driven: _Cell, w: float) -> Iterator[Stretch]:
 
 def _first_dip(sigma: Series, edges: np.ndarray, now: float, touch: float) -> float | None:
     """First time from ``now`` at which sigma falls below zero by more than a touch."""
-    for a, b in pairwise(edges):
-        low = max(float(a), now)
-        if b <= low:
-            continue
-        if sigma(np.linspace(low, float(b), 11)).min() < -touch:
-            return low
+    for a, b in pairwise(np.maximum(edges, now).tolist()):
+        if b > a and sigma(np.linspace(a, b, 11)).min() < -touch:
+            return a
     return None
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from msgspec import structs
 
-from wormopt.model.given import per
+from wormopt.model.given import fields_of, per
 from wormopt.progress import Report
 from wormopt.systems.spiked.certify.certificate import Certificate
 from wormopt.systems.spiked.certify.program import OF_STROKES, Level, Outer, Program, size_of
@@ -170,7 +170,7 @@ def _levels(
 def _certified(outer: Outer, bound: float, proof: dict[str, Any], source: str) -> Bounded:
     """Write a bound and its proof."""
     whole = rounded_up(bound)
-    certificate = Certificate.of(outer.statement.fields, proof, whole)
+    certificate = Certificate.of(fields_of(outer.statement), proof, whole)
     above = math.nextafter(float(whole), math.inf)
     return Bounded(above, certificate, source, (), outer=outer)
 
@@ -186,8 +186,6 @@ def _of_cost(
     assert required is not None
     best = Bounded(0.0, None, "no peak is below 0", ())
     yield best
-    if task.limits.acceleration is None:
-        return
     first = Outer(Statement.of(task))
     for level in _levels(first, until):
         if level is None:
@@ -213,10 +211,9 @@ def _of_cost(
 
 def _lowered(task: GaitProblem, cost: str, most: float) -> GaitProblem:
     key = cost.removeprefix("peak_")  # of the limit
-    given = getattr(task.limits, key)
-    count = 1 if given is None or not isinstance(given, tuple) else len(given)
-    limit = tuple(min(most, g) for g in per(most if given is None else given, count))
-    limits = structs.replace(task.limits, **{key: limit if count > 1 else limit[0]})
+    given, count = getattr(task.limits, key), task.worm.links + (key == "spike_load")
+    lowered = most if given is None else tuple(min(most, each) for each in per(given, count))
+    limits = structs.replace(task.limits, **{key: lowered})
     return structs.replace(task, limits=limits, objective=Objective())
 
 

@@ -290,12 +290,9 @@ class Program:
         self.mesh = outer.mesh.finer(level.parts)
         self._cells = level.cells + 1
         self._faces = list(outer.faces(self.mesh, level.parts))
-        self._exponents = {
-            f.resting: _exponents(level.degree, f.simplices.shape[1]) for f in self._faces
-        }
+        corners = [self.mesh.vertices[face.simplices] for face in self._faces]
         places = [
-            np.einsum("aq,pqi->pai", self._exponents[f.resting], self.mesh.vertices[f.simplices])
-            for f in self._faces
+            np.einsum("aq,pqi->pai", _exponents(level.degree, own.shape[1]), own) for own in corners
         ]
         flat = np.concatenate([place.reshape(-1, place.shape[2]) for place in places])
         self.points, number = np.unique(flat, axis=0, return_inverse=True)
@@ -418,25 +415,17 @@ def _exponents(degree: int, count: int) -> np.ndarray:
 
 def _product(degree: int, count: int) -> np.ndarray:
     """Coefficients (g, a, q) of degree + 1 of W (a) times a linear function (q)."""
-    low = {tuple(e): k for k, e in enumerate(_exponents(degree, count).tolist())}
-    high = _exponents(degree + 1, count)
-    found, one = np.zeros((len(high), len(low), count)), np.eye(count, dtype=int)
-    for g, e in enumerate(high):
-        for q in np.flatnonzero(e):
-            found[g, low[tuple((e - one[q]).tolist())], q] = e[q] / (degree + 1)
-    return found
+    low, high = _exponents(degree, count), _exponents(degree + 1, count)
+    below = high[:, None, None] - np.eye(count, dtype=int)  # (g, 1, q, coordinate)
+    return np.all(below == low[:, None], axis=3) * high[:, None] / (degree + 1)
 
 
 def _derivative(degree: int, count: int) -> np.ndarray:
     """Coefficients (g, a, q) of degree + 1 of dW/dλ_q from W (a) of its degree, elevated twice."""
-    low = {tuple(e): k for k, e in enumerate(_exponents(degree, count).tolist())}
-    below = _exponents(degree - 1, count)
-    found, one = np.zeros((len(below), len(low), count)), np.eye(count, dtype=int)
-    for b, e in enumerate(below):
-        for q in range(count):
-            found[b, low[tuple((e + one[q]).tolist())], q] = degree
-    twice = _product(degree, count).sum(axis=2) @ _product(degree - 1, count).sum(axis=2)
-    return np.einsum("gb,baq->gaq", twice, found)
+    lower = _product(degree - 1, count)
+    slopes = degree * (lower > 0.0).swapaxes(0, 1)
+    twice = _product(degree, count).sum(axis=2) @ lower.sum(axis=2)
+    return np.einsum("gb,baq->gaq", twice, slopes)
 
 
 def size_of(outer: Outer, level: Level) -> float:

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from wormopt.model.given import per
+from wormopt.numerics.roots import root
 from wormopt.systems.spiked.gait_problem import GaitProblem
 
 # Digits to which derived numbers of a proof are rounded, on the safe side.
@@ -108,15 +108,14 @@ class Statement:
         """
         found = []
         for j, whole in enumerate(self.ranges):
-            low, high = 0.0, float(whole)
-            if self._there_and_back(high, j, starts, brakes) <= self.period:
-                found.append(whole)
-                continue
-            for _ in range(100):
-                middle = (low + high) / 2
-                slow = self._there_and_back(middle, j, starts, brakes) > self.period
-                low, high = (low, middle) if slow else (middle, high)
-            found.append(min(whole, up(high, _unit(whole))))
+
+            def late(stroke: float, j: int = j) -> float:
+                return self._there_and_back(stroke, j, starts, brakes) - float(self.period)
+
+            if late(float(whole)) > 0.0:
+                most = root(late, 0.0, float(whole), xtol=1e-15 * float(whole))
+                whole = min(whole, up(most, _unit(whole)))
+            found.append(whole)
         return tuple(found)
 
     def mean_rates(
@@ -142,11 +141,6 @@ class Statement:
             time += 2 * math.sqrt(amplitude * e) if short else amplitude / rate + rate * e
         return time
 
-    @property
-    def fields(self) -> dict[str, Any]:
-        """Fields of a certificate."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
-
 
 def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
     """Convert numbers to decimal fractions of eleven digits.
@@ -156,8 +150,8 @@ def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
     return tuple(Fraction(f"{float(x):.11g}") for x in values)
 
 
-def _unit(size: float | Fraction) -> Fraction:
-    return Fraction(10) ** (math.floor(math.log10(size)) - _DIGITS)
+def _unit(size: float | Fraction, digits: int = _DIGITS) -> Fraction:
+    return Fraction(10) ** (math.floor(math.log10(size)) - digits)
 
 
 def up(value: float | Fraction, unit: Fraction) -> Fraction:
@@ -170,8 +164,7 @@ def rounded_up(bound: float) -> Fraction:
     """Round a bound up by more than the rounding of floating-point sums."""
     if bound <= 0.0:
         return Fraction(0)
-    unit = Fraction(10) ** (math.floor(math.log10(bound)) - 9)
-    return up(bound * (1 + _SPARE), unit)
+    return up(bound * (1 + _SPARE), _unit(bound, 9))
 
 
 def wider(values: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from time import monotonic, perf_counter
 from typing import Any, Literal
@@ -19,7 +20,7 @@ from wormopt.systems.spiked.design.design import Design, sharpest
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
-from wormopt.systems.spiked.search.search import Known, Survey, search
+from wormopt.systems.spiked.search.search import DONE, Known, Survey, search
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.verify import ACCEPTED
 
@@ -131,6 +132,12 @@ def designed(
         )
     begin = perf_counter()
     survey = search(task, settings, report, known, better)
+    if not survey.trials and survey.bounded and required is not None:
+        raise SolveError(
+            f"objective.speed = {required:g} is above {survey.bounded.bound:.9g}, the proven bound "
+            "on the speed of every gait",
+            "design the fastest gait to see which speeds exist, or relax its limits",
+        )
     if not survey.trials and survey.ended == "searched" and required is not None and not known:
         survey = _from_the_fastest(task, settings, survey, report, better)
     is_still = (
@@ -164,15 +171,27 @@ def _from_the_fastest(
     better: Callable[[Trial], None],
 ) -> Survey:
     """Search again from the fastest gaits if these reach the required speed; else `survey`."""
-    fast = search(structs.replace(task, objective=Objective()), _left(settings, survey), report)
-    spent = {"fastest gaits": sum(fast.seconds.values())}
-    survey = replace(survey, seconds=survey.seconds | spent)
+    of_speed = structs.replace(task, objective=Objective())
+    fast = search(of_speed, _left(settings, survey), report)
+    survey = replace(survey, seconds=survey.seconds | {"fastest gaits": sum(fast.seconds.values())})
     if fast.ended in ("interrupted", "time limit"):
         return replace(survey, ended=fast.ended)
-    if not fast.trials or fast.trials[0].value < (task.objective.speed or 0.0):
+    if not fast.trials:
+        return survey
+    # straight velocities may just miss a speed that bent ones reach
+    best = sharpest(of_speed, settings, fast, ceiling_of(task), report)
+    if best.ended == "interrupted":
+        return replace(survey, ended="interrupted")
+    if best.trial is None or best.trial.value < (task.objective.speed or 0.0):
         return survey
     known = replace(fast.known(_FASTEST), poor=frozenset())
     found = search(task, _left(settings, survey), report, known, better)
+    if not found.trials and found.ended == "searched":
+        until = monotonic() + (_left(settings, survey).time_limit or np.inf)
+        same = Trier(task, until).with_the_motion(best.trial)
+        if same is not None:
+            better(same)
+            found = replace(found, trials=(same,))
     again = {stage: s + survey.seconds.get(stage, 0.0) for stage, s in found.seconds.items()}
     return replace(
         found,
@@ -207,6 +226,13 @@ def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) ->
             for period in periods:
                 report(f"solving again for a cycle of {period:g}", 0.96)
                 trials += _held(task, start, period)
+            if not trials and task.objective.speed is not None:
+                # these cycles may be too slow; that of the fastest gait is not
+                with suppress(SolveError):
+                    of_speed = structs.replace(task, objective=Objective())
+                    fast = designed(of_speed, _left(settings, free.survey), report)
+                    ended = ended if fast.ended in DONE else fast.ended
+                    trials += _held(task, fast.trial or fast.survey.trials[0], fast.period)
         except KeyboardInterrupt:
             if not trials:
                 raise

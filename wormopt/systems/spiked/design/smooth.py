@@ -1,8 +1,7 @@
 """Gaits of least energy or effort, by IPOPT.
 
 These costs are neither linear nor a peak. The collocated optimal-control problem is solved with the
-cost itself, from the motion of a trial. If velocities may jump, it starts from the fastest motion
-with the trial's durations.
+cost itself, from the motion of a trial.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from functools import lru_cache
 import numpy as np
 from msgspec import structs
 
-from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation, bernstein_matrix
@@ -24,8 +22,8 @@ from wormopt.progress import Report
 from wormopt.systems.shared.sequences import SHORTEST, Sequence_, lasting_arcs
 from wormopt.systems.spiked.design.design import Design, objective_of, of_trial
 from wormopt.systems.spiked.dynamics import gait_problem
-from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search
-from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, is_energy
+from wormopt.systems.spiked.gait_problem import GaitProblem, Search
+from wormopt.systems.spiked.programs.gait_rows import is_energy
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.verify import ACCEPTED
@@ -54,28 +52,21 @@ def smoothest(
 
     Parameters are those of `sharpest`. Costs of the gaits are finally compared in closed form.
     """
-    known = has_cost_columns(task)  # otherwise the trials maximise the speed
     trials, ended, error = list(survey.trials), survey.ended, np.nan
     solved, error_of_solved = None, np.nan
     try:
-        if ended in DONE and is_energy(task):
-            trials, error = _resolved(task, settings, trials, report)
-        if ended in DONE or not known:
+        if ended in DONE:
+            if is_energy(task):
+                trials, error = _resolved(task, settings, trials, report)
             report("solving for the cost", 0.9)
-            solved, error_of_solved = _solved(task, settings, trials, error, ended)
+            solved, error_of_solved = _solved(task, settings, trials, error)
     except KeyboardInterrupt:
         ended = "interrupted"
-    found = []
-    if solved is not None:
-        found.append(_of_solved(task, solved, survey, bound, error_of_solved, ended))
-    if known:
-        own = [of_trial(task, t, error, bound, survey, ended) for t in trials[: 2 * _POLISHED]]
-        found.append(next((one for one in own if _cost(one) < np.inf), own[0]))
-    if found:
-        return min(found, key=_cost)
-    if ended == "interrupted":
-        raise KeyboardInterrupt
-    raise SolveError("no motion was found for this cost", "try another search.seed")
+    own = [of_trial(task, t, error, bound, survey, ended) for t in trials[: 2 * _POLISHED]]
+    found = next((one for one in own if _cost(one) < np.inf), own[0])
+    if solved is None:
+        return found
+    return min(_of_solved(task, solved, survey, bound, error_of_solved, ended), found, key=_cost)
 
 
 def _cost(found: Design) -> float:
@@ -117,19 +108,17 @@ def _halved(trier: Trier, trial: Trial, gained: float, most: float) -> tuple[Tri
 
 
 def _solved(
-    task: GaitProblem, settings: Search, trials: list[Trial], error: float, ended: str
+    task: GaitProblem, settings: Search, trials: list[Trial], error: float
 ) -> tuple[Solved | None, float]:
     """The best solution from some trials, refined if these are not resolved, and its error."""
     width, best = effort_of(settings).width, trials[0].value
     if is_energy(task):  # resolved; with more arcs it takes seconds and gains nothing
-        trials = [trial for trial in trials[:1] if len(trial.point.x) <= _MOST_UNKNOWNS]
-    elif has_cost_columns(task):
-        trials = [trial for trial in trials if trial.value >= best - _NEAR * abs(best)]
-    found = [s for trial in trials[: 2 * width] if (s := solve_cost(task, trial))]
-    found.sort(key=lambda s: s.objective)
-    if not found or is_energy(task) or ended not in DONE:
+        found = [solve_cost(task, t) for t in trials[:1] if len(t.point.x) <= _MOST_UNKNOWNS]
         return (found[0] if found else None), error
-    return refined(found[:width])
+    close = [trial for trial in trials if trial.value >= best - _NEAR * abs(best)]
+    found = [s for trial in close[: 2 * width] if (s := solve_cost(task, trial))]
+    found.sort(key=lambda s: s.objective)
+    return refined(found[:width]) if found else (None, error)
 
 
 def _of_solved(
@@ -192,7 +181,7 @@ class Solved:
 
 @lru_cache(maxsize=16)
 def _program(task: GaitProblem, mesh: Mesh) -> Transcription:
-    return Transcription(gait_problem(task.worm, task.limits, task.objective), mesh)
+    return Transcription(gait_problem(task), mesh)
 
 
 def _bounds(program: Transcription, sequence: Sequence_) -> Bounds:
@@ -207,16 +196,9 @@ def solve_cost(task: GaitProblem, trial: Trial) -> Solved | None:
     mesh = Mesh(len(trial.sequence), tuple(trial.program.arcs.tolist()), Collocation(2), 0)
     program = _program(cycle, mesh)
     bounds = _bounds(program, trial.sequence)
-    if has_cost_columns(task):
-        begin = program.pack(arcs_of(trial, program), bounds)
-    else:
-        fast = _fast(structs.replace(cycle, objective=Objective()), trial, mesh)
-        if fast is None:
-            return None
-        begin = program.pack(replace(fast, **program.nominal_extras()), bounds)
-    start = program.nlp.start(begin, bounds)
-    if has_cost_columns(task):  # residues of the linear programs on very short arcs
-        start = program.nlp.restore(start, bounds)
+    start = program.nlp.start(program.pack(arcs_of(trial, program), bounds), bounds)
+    # removes residues of the linear programs on very short arcs
+    start = program.nlp.restore(start, bounds)
     found = _polished(program, start.w, bounds)
     better = found.violation <= _FEASIBLE and found.objective < start.objective
     if start.violation <= _FEASIBLE and not better:
@@ -226,17 +208,6 @@ def solve_cost(task: GaitProblem, trial: Trial) -> Solved | None:
 
 def _polished(program: Transcription, w: np.ndarray, bounds: Bounds) -> Solution:
     return program.nlp.restore(program.nlp.solve(w, bounds, _POLISH), bounds)
-
-
-def _fast(task: GaitProblem, trial: Trial, mesh: Mesh) -> Arcs | None:
-    """The fastest motion with the durations of a trial, whose velocities may jump."""
-    program = _program(task, mesh)
-    lengths = np.mean(task.limits.length_ranges(task.worm.links), axis=1)
-    still = np.concatenate([[0.0], lengths, [0.0], 0.0 * lengths])  # of `spiked_worm`
-    rest = program.rest(trial.program.widths(trial.point), still)
-    own = _bounds(program, trial.sequence)
-    step = program.nlp.linear_step(rest, own, program.hold_durations())
-    return None if step is None else program.unpack(step[0])
 
 
 def arcs_of(trial: Trial, program: Transcription) -> Arcs:

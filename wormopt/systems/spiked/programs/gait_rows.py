@@ -17,7 +17,7 @@ neither unloaded nor full, not larger for unloaded spikes, and not smaller for f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from inspect import signature
 from typing import Any, Self
@@ -61,9 +61,8 @@ def lines_of(count: int, resting: Resting) -> tuple[np.ndarray, np.ndarray, np.n
 
 def simple_patterns(resting: Resting) -> list[Pattern]:
     """All resting spikes loaded at all times; or only the first; or only the last."""
-    patterns = np.full((3, len(resting)), -1)
-    patterns[0] = patterns[1, 0] = patterns[2, -1] = 0
-    return [tuple(pattern) for pattern in patterns.tolist()]
+    unloaded = (-1,) * (len(resting) - 1)
+    return [(0,) * len(resting), (0, *unloaded), (*unloaded, 0)]
 
 
 def least_patterns(
@@ -149,7 +148,7 @@ class GaitRows:
         self.rows = BilinearRows()
         self._peak: int | None = None
         self._add_columns()
-        self._costs = CostColumns(self) if has_cost_columns(task) else None
+        self._costs = CostColumns(self) if task.objective.is_smooth else None
         self._add_rates()
         for phase, resting in enumerate(sequence):
             at = slice(self._edges[phase], self._edges[phase + 1])
@@ -215,18 +214,14 @@ class GaitRows:
     # -- rows ------------------------------------------------------------------------------------
 
     def _add_rates(self) -> None:
-        """Rates of the links at all coefficients; bounds where one of both masses rests."""
+        """Rates of the links at all coefficients; where a mass rests, columns are bounded."""
         ends = slice(0, self.degree if self._continuous else self.degree + 1)
-        upper = np.array(self.rows.upper)
         for j, (contraction, extension) in enumerate(zip(*self.limits.rates, strict=True)):
             ahead, behind = (self.v[self._stated, ends, i].ravel() for i in (j, j + 1))
-            np.minimum.at(upper, ahead[(behind < 0) & (ahead >= 0)], extension)
-            np.minimum.at(upper, behind[(ahead < 0) & (behind >= 0)], contraction)
             both = (ahead >= 0) & (behind >= 0)
             if both.any():
                 terms = [(ahead[both], 1.0), (behind[both], -1.0)]
                 self.rows.add(terms, [], -contraction, extension)
-        self.rows.upper = upper.tolist()
 
     def _force(
         self, form: Form, at: slice | np.ndarray, k: int
@@ -402,33 +397,22 @@ class GaitRows:
         return BilinearProgram(self.rows, np.unique(self.h), low)
 
 
-def has_cost_columns(task: GaitProblem) -> bool:
-    """Whether the cost of a task is part of its bilinear program."""
-    return task.objective.is_smooth and task.limits.acceleration is not None
-
-
 def is_energy(task: GaitProblem) -> bool:
     """Whether the cost of a task is the energy absorbed by actuators."""
-    return has_cost_columns(task) and task.objective.minimise == "energy_per_distance"
+    return task.objective.minimise == "energy_per_distance"
 
 
 _ARGUMENTS = tuple(signature(GaitRows).parameters)
 
 
-@dataclass(eq=False)
 class CostColumns:
     """Columns and rows of the cost of a gait program, added phase by phase."""
 
-    program: GaitRows  # has its own columns already
-    columns: list[np.ndarray] = field(default_factory=list, init=False)  # of costs
-    # that bound the costs from below
-    rows: list[np.ndarray] = field(default_factory=list, init=False)
-
-    def __post_init__(self) -> None:
-        program = self.program
+    def __init__(self, program: GaitRows) -> None:
+        self.program = program  # has its own columns already
+        self.columns: list[np.ndarray] = []  # of costs
+        self.rows: list[np.ndarray] = []  # that bound the costs from below
         self.energy = program.task.objective.minimise == "energy_per_distance"
-        if program.degree != 1:
-            raise ValueError("costs need velocities that are linear on an arc")
         self.dragged = self.energy and program.limits.drag > 0
         # the distance of a mass at each coefficient of its velocity, a factor of the work of drag
         self.ways = np.full(program.v.shape, -1)

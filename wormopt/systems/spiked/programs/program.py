@@ -45,7 +45,7 @@ class GaitProgram(GaitRows):
     """Bilinear program of one cyclic order of rest; `period` (min, max) overrides the limits.
 
     `patterns`: unloaded and full spikes by arc (`Pattern`), by default any; `like`: limits that
-    define the units. Where velocities may jump, the speed takes the place of smooth costs.
+    define the units.
     """
 
     # -- points ----------------------------------------------------------------------------------

@@ -110,22 +110,16 @@ class ScaledLimits:
 
     def _binding(self, form: Form, resting: Resting) -> Form:
         """The form without the side that accelerations and drag cannot reach."""
-        implied, slow, fast = self._implied(form, resting)
-        below = form.below if form.below < implied - slow else np.inf
-        return replace(
-            form, below=below, above=form.above if form.above < implied + fast else np.inf
-        )
-
-    def _implied(self, form: Form, resting: Resting) -> tuple[float, float, float]:
-        """Largest |alpha a| under the links' limits, smallest and largest k beta v."""
-        v_max = self.fastest(resting)
+        if (a := self.acceleration) is None:
+            return form
+        v_max, masses = self.fastest(resting), range(self.links + 1)
+        between = [min(a[min(m, i) : max(m, i)].sum() for m in resting) for i in masses]
+        most = float(np.abs(form.alpha) @ between)  # of |alpha a| under the links' limits
         slow = self.drag * float(np.minimum(form.beta, 0.0) @ v_max)
         fast = self.drag * float(np.maximum(form.beta, 0.0) @ v_max)
-        if self.acceleration is None:
-            return np.inf, slow, fast
-        a, masses = self.acceleration, range(self.links + 1)
-        between = [min(a[min(m, i) : max(m, i)].sum() for m in resting) for i in masses]
-        return float(np.abs(form.alpha) @ between), slow, fast
+        below = form.below if form.below < most - slow else np.inf
+        above = form.above if form.above < most + fast else np.inf
+        return replace(form, below=below, above=above)
 
     def _momentum(self, resting: Resting) -> Form:
         """Sum of the reactions (7): change of momentum, drag and load."""

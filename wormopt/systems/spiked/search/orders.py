@@ -11,7 +11,7 @@ worm, so the choice of resting masses is a longest path along the chain.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import chain, combinations, permutations
@@ -90,7 +90,6 @@ def best_modes(
     extension: Sequence[float],
     resting: int,
     count: int = 1,
-    seed: int = 0,
 ) -> tuple[ModeMix, ...]:
     """Find up to `count` mixes of few modes that reach the ceiling, fewest resting sets first.
 
@@ -101,7 +100,7 @@ def best_modes(
     whole = _generate(rates, resting, None)
     if whole.speed < whole.ceiling * (1 - _SAME):
         raise ArithmeticError("no modes that reach the ceiling were found: rates differ too much")
-    rng, found = np.random.default_rng(seed), {}
+    rng, found = np.random.default_rng(0), {}
     for _ in range(count):
         mix = _thinned(whole, rates, _perhaps_used(whole, rates, rng))
         found.setdefault(mix.sets, mix)
@@ -154,12 +153,12 @@ def _generate(rates: np.ndarray, resting: int, sets: list[tuple[int, ...]] | Non
     speed = _Mixer(_Chain(rates / unit), first).mix()[0]
     unit *= speed if speed > _TINY else 1.0
     chain = _Chain(rates / unit)
-    mixer, offer = _Mixer(chain, first), _offer_of(chain, resting, sets)
+    mixer = _Mixer(chain, first)
     bound, best = np.inf, np.zeros(masses)
     speed = 0.0
     for _ in range(_ROUNDS):
         speed, weights = mixer.mix()
-        values, offered = offer(chain.gains(weights))
+        values, offered = _offer(chain.gains(weights), resting, sets)
         if (proven := _proven(values, weights)) < bound:
             bound, best = proven, weights
         worthwhile = values > speed + _WORTHWHILE * max(speed, 1.0)
@@ -338,23 +337,16 @@ def _shorten(levels: list[float], lengths: list[float], by: float) -> None:
         lengths[0] -= by
 
 
-def _offer_of(
-    chain: _Chain, resting: int, sets: list[tuple[int, ...]] | None
-) -> Callable[[np.ndarray], tuple[np.ndarray, list[tuple[int, ...]]]]:
-    """Make a function from `_Chain.gains` to the largest sums and their resting sets."""
+def _offer(
+    gains: np.ndarray, resting: int, sets: list[tuple[int, ...]] | None
+) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """Largest sums for `_Chain.gains`, and their resting sets: the best of all, or these sets."""
     if sets is None:
-        return lambda gains: _best_sets(gains, resting)
-    last = chain.masses + 1
-    nodes = np.full((len(sets), max(map(len, sets)) + 2), last)
-    nodes[:, 0] = 0
-    for row, z in zip(nodes, sets, strict=True):
-        row[1 : len(z) + 1] = np.array(z) + 1
-
-    def offer(gains: np.ndarray) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-        gains[last, last] = 0.0
-        return gains[nodes[:, :-1], nodes[:, 1:]].sum(axis=1), sets
-
-    return offer
+        return _best_sets(gains, resting)
+    last, most = len(gains) - 1, max(map(len, sets))
+    nodes = np.array([[0, *(i + 1 for i in z), *[last] * (most + 1 - len(z))] for z in sets])
+    gains[last, last] = 0.0
+    return gains[nodes[:, :-1], nodes[:, 1:]].sum(axis=1), sets
 
 
 def _best_sets(gains: np.ndarray, resting: int) -> tuple[np.ndarray, list[tuple[int, ...]]]:
@@ -413,19 +405,18 @@ def first_orders(task: GaitProblem) -> list[Sequence_]:
     """First orders of every search, for any number of links.
 
     Head and tail in turn, with and without a block between; the ceiling's resting sets in every
-    order; travelling waves, also of more resting masses if these share a load. For a cost, one mass
-    more also rests for a while at each end, or between two phases (the fastest gaits rest less).
+    order; travelling waves. Where resting masses share a load, one mass more also rests for a while
+    at each end, or between two phases, and waves also have more resting masses.
     """
     n, fewest = task.worm.links, task.limits.resting
     found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]
     blocks = {a: tuple(block_wave_sequence(n, a)) for a in task.resting_sizes}
     found += blocks.values()
     waves = wave_orders(n, fewest)
-    if task.objective.minimise is not None:
-        if fewest + 1 in blocks:
-            found.append(_relieved_ends_in_turn(n, fewest))
-        if n <= _HANDED_OVER:
-            waves += [_handed_over(wave) for a, wave in blocks.items() if a + 1 in blocks]
+    if fewest + 1 in blocks:
+        found.append(_relieved_ends_in_turn(n, fewest))
+    if n <= _HANDED_OVER:
+        waves += [_handed_over(wave) for a, wave in blocks.items() if a + 1 in blocks]
     if not is_mirror_symmetric(task):
         waves += [mirrored(wave, n + 1) for wave in waves]
     return [s for s in dict.fromkeys([*found, *waves]) if is_gait(s)]

@@ -18,6 +18,7 @@ from time import monotonic
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import structs
 
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report
@@ -35,7 +36,7 @@ from wormopt.systems.shared.sequences import (
     wave_orders,
 )
 from wormopt.systems.spiked.certify.bound import Bounded, at_once
-from wormopt.systems.spiked.gait_problem import GaitProblem, Search
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search
 from wormopt.systems.spiked.programs.gait_rows import is_energy
 from wormopt.systems.spiked.programs.scaled_limits import scaled
 from wormopt.systems.spiked.search.orders import (
@@ -96,6 +97,7 @@ class Race:
     poor: frozenset[Sequence_] = frozenset()  # canonical orders that are not tried as variations
     varied: int = 0  # number of orders that are variations of others
     enough: float = np.inf  # value close enough to a proven bound
+    too_fast: Bounded | None = None  # bound on the speed, if it is below the required one
 
     def __post_init__(self) -> None:
         self._best: Trial | None = None
@@ -320,8 +322,9 @@ _EFFORTS = {
         enumerated=1000, width=8, varied=800, patience=2, work=6e9, starts=8, timed=128
     ),
 }
-# Shares of the work for one climb, and for the last restarts at the end of the work.
-_OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
+# Shares of the work for one climb, for plain orders and their other starts (variations need the
+# rest), and for the last restarts at the end of the work.
+_OF_ONE_CLIMB, _OF_PLAIN, _OF_RESTARTS = 0.1, 0.5, 0.2
 # Share of the work for variations of a long worm.
 _OF_LONG = 0.3
 # Factor on the work for energy: its programs are denser, so a pivot takes longer.
@@ -370,7 +373,7 @@ class Survey:
     programs: int  # linear programs solved
     ended: str  # "searched", "proven", "time limit" or "interrupted"
     seconds: dict[str, float] = field(default_factory=dict)  # of each stage
-    bounded: Bounded | None = None  # bound on the speed, if the search used it
+    bounded: Bounded | None = None  # bound on the speed, also where none reaches a required one
 
     def known(self, width: int) -> Known:
         """Knowledge for the search of a similar task: the best `width` orders are good ones."""
@@ -421,11 +424,11 @@ def search(
     finally:
         race.close()
     ranking = tuple(sorted([*race.ranking, *race.others], key=rank))
-    if ended == "searched" and race.is_proven:
+    if ended == "searched" and (race.is_proven or race.too_fast):
         ended = "proven"
     tried = frozenset(race.trials)
     counts = race.varied, trier.programs
-    return Survey(task, ranking, tried, *counts, ended, seconds, bounded)
+    return Survey(task, ranking, tried, *counts, ended, seconds, bounded or race.too_fast)
 
 
 def _effort(race: Race, settings: Search) -> Effort:
@@ -449,6 +452,11 @@ def _steps(race: Race, settings: Search, good: Sequence[Start]) -> Iterator[str]
         yield stage
     race.promote(0, 1)
     yield "constructed orders"
+    if not race.ranking and task.objective.speed is not None:
+        bounded = at_once(structs.replace(task, objective=Objective()))
+        if bounded and bounded.bound < task.objective.speed:
+            race.too_fast = bounded
+            return
     if not race.long:  # their orders are too many and their ceilings too expensive
         yield from _until_proven(race, _plain(race, settings))
     yield from _until_proven(race, _vary(race, settings))
@@ -479,7 +487,7 @@ def _plain(race: Race, settings: Search) -> Iterator[str]:
         stage = race.announce("plain orders", 0.5 * k * _BATCH / effort.enumerated)
         race.enter(map(Start, batch))
         yield stage
-        if race.trier.work > effort.work / 2:
+        if race.trier.work > _OF_PLAIN * effort.work:
             break
     race.promote(0, 3 * effort.width)
     yield "plain orders"
@@ -490,6 +498,8 @@ def _plain(race: Race, settings: Search) -> Iterator[str]:
         stage = race.announce("other starts", 0.5)
         race.restart(width * effort.width, (settings.seed, start))
         yield stage
+        if race.trier.work > _OF_PLAIN * effort.work:
+            break
 
 
 def _prescribed(race: Race, order: Sequence_, settings: Search) -> Iterator[None]:

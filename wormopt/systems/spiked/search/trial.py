@@ -14,7 +14,7 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
 from wormopt.systems.shared.sequences import Sequence_, wave_direction
 from wormopt.systems.spiked.gait_problem import GaitProblem
-from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, split_matters
+from wormopt.systems.spiked.programs.gait_rows import split_matters
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 
 
@@ -77,7 +77,7 @@ class Trier:
 
     def _arcs(self, sequence: Sequence_) -> int:
         """Arcs per phase of a first trial; few say too little about speeds and smooth costs."""
-        if self.task.objective.minimise is None or has_cost_columns(self.task):
+        if self.task.objective.minimise is None or self.task.objective.is_smooth:
             return _MOST_ARCS
         return max(_FEWEST_ARCS, min(_MOST_ARCS, _ARCS // len(sequence)))
 
@@ -165,12 +165,14 @@ class Trier:
 
     def fitted(self, trial: Trial, cycles: int) -> Trial | None:
         """Fit a trial to a number of cycles in a period; None if it has no gait."""
+        if self.task.objective.is_smooth and trial.program.degree > 1:
+            return None  # these costs take straight velocities
         period = float(trial.durations.sum())
         low, high = self._cycle(cycles, period)
         wanted = float(np.clip(period, low, high))
         program = trial.program.changed(task=self.task, period=(low, high), patterns=None)
         widths = trial.program.widths(trial.point) * (wanted / period)
-        if has_cost_columns(self.task):
+        if self.task.objective.is_smooth:
             start = self._near(trial, program, widths)
         else:
             start = program.start_arcs(widths)
@@ -185,6 +187,13 @@ class Trier:
         """
         low, high = self.shortest / cycles, self.longest / cycles
         return low, max(low, min(high, _LONGEST * like))
+
+    def with_the_motion(self, fast: Trial) -> Trial | None:
+        """A trial of the cost that begins as a fast enough one; None if there is none so near."""
+        if self.task.objective.is_smooth and fast.program.degree > 1:
+            return None
+        program, start = self._as_fast_as(fast)
+        return start and self.settled(self.climbed(replace(fast, program=program, point=start)))
 
     def _near(self, trial: Trial, program: GaitProgram, widths: np.ndarray) -> Point | None:
         """A motion like that of a trial, with other durations."""
@@ -212,14 +221,17 @@ class Trier:
             fast = self._fast_enough(required, sequence, period, durations, random, patient=patient)
             if fast is None:
                 return None
-            same = fast.program
-            program = type(same)(self.task, same.sequence, period, same.arcs, same.degree)
-            if has_cost_columns(self.task):
-                # a smooth cost needs the motion itself, which is feasible here too
-                begin = program.moving(*same.motion(fast.point))
-            else:
-                begin = program.start_arcs(same.widths(fast.point))
+            program, begin = self._as_fast_as(fast)
         return begin and self.climbed(Trial(program, begin), enough=enough)
+
+    def _as_fast_as(self, fast: Trial) -> tuple[GaitProgram, Point | None]:
+        """The program of the cost for the arcs of a fast trial, and a start at their durations."""
+        same = fast.program
+        program = type(same)(self.task, same.sequence, same.period, same.arcs, same.degree)
+        if self.task.objective.is_smooth:
+            # a smooth cost needs the motion itself, which is feasible here too
+            return program, program.moving(*same.motion(fast.point))
+        return program, program.start_arcs(same.widths(fast.point))
 
     def _fast_enough(
         self,
@@ -256,7 +268,7 @@ class Trier:
             return fastest._as_fast(fast, required, _MOST_FINER)
         # with drag optimal velocities bend, and linear ones approach them slowly
         bent = fastest._as_fast(fastest.finer(fast, 1e-6, BENT, parts=1), required, _MOST_FINER)
-        if bent is None or not has_cost_columns(self.task):
+        if bent is None or not self.task.objective.is_smooth:
             return bent
         return fastest._as_fast(fast, required, _MOST_STRAIGHT)
 
@@ -291,6 +303,31 @@ class Trier:
         """The trial with the split of least actuation instead of any split; None if it has none."""
         if not any(split_matters(self.task, resting) for resting in trial.sequence):
             return trial
+        best = self._split(trial)
+        required = self.task.objective.speed
+        # durations of the least cost with any split may not suit this one
+        if required is not None and (fast := self._fast_like(trial, required)) is not None:
+            for cuts in range(_CUTS):
+                if cuts:
+                    fast = self.finer(fast)
+                program, start = self._as_fast_as(fast)
+                like = start and Trial(program, start, trial.cycles, trial.level + cuts)
+                found = like and self._split(like)
+                if found is not None and (best is None or found.value > best.value):
+                    best = found
+                if self.stopped():
+                    break
+        return best and self._other_patterns(best)
+
+    def _fast_like(self, trial: Trial, required: float) -> Trial | None:
+        """Climb to the required speed from durations of a trial."""
+        of = trial.program
+        return self._fast_enough(
+            required, of.sequence, of.period, trial.durations, None, patient=True
+        )
+
+    def _split(self, trial: Trial) -> Trial | None:
+        """Climb with the durations of a trial and the patterns of its split, or simple ones."""
         program, found = trial.program, []
         widths = program.widths(trial.point)
         for patterns in (program.least_patterns(trial.point), *program.simple_patterns()):
@@ -298,8 +335,7 @@ class Trier:
             start = own.start_arcs(widths)
             if start is not None:
                 found.append(self.climbed(replace(trial, program=own, point=start)))
-        best = max(found, key=lambda t: t.value, default=None)
-        return best and self._other_patterns(best)
+        return max(found, key=lambda t: t.value, default=None)
 
     def _other_patterns(self, trial: Trial, tolerance: float = 1e-3) -> Trial:
         """Continue the climb with the other pattern wherever two hold, while that helps."""
@@ -353,5 +389,6 @@ _LONGEST, _SHORTEST = 20.0, 1e-4
 _NEARLY, _MOST_FINER, _MOST_STRAIGHT, _AMPLY = 0.95, 3, 7, 1.02
 # Degree of velocities with drag, which bends them.
 BENT = 3
-# Largest number of rounds with other patterns of unloaded spikes.
-_FLIPS = 4
+# Largest numbers of rounds with other patterns of unloaded spikes, and of meshes of a fast gait on
+# which patterns are sought.
+_FLIPS, _CUTS = 4, 4

@@ -17,7 +17,7 @@ with on_use():
     import numpy as np
 
     from wormopt.model.gait import Gait
-    from wormopt.numerics.chebyshev import Series, resolve
+    from wormopt.numerics.chebyshev import resolve
     from wormopt.shown import enough
     from wormopt.systems.spiked.stretches import at_breaks, exact_degree
 
@@ -240,30 +240,24 @@ def _corners(gait: Gait, stepper: Stepper, size: float) -> Iterator[tuple[int, f
 def _instants(gait: Gait, stepper: Stepper, piece: int) -> list[np.ndarray]:
     """Times of a piece, for each link, that include those of its extreme demands."""
     width = float(gait.breaks[piece + 1] - gait.breaks[piece])
-    first, second, third = (
+    second, third = (
         resolve(lambda s, k=k: gait.on_piece(piece, s, k), 0.0, width, exact_degree(gait))
-        for k in (1, 2, 3)
+        for k in (2, 3)
     )
     ends = np.array([0.0, width])
     found = [[ends, second.roots(j), third.roots(j)] for j in range(gait.links)]
-    start = stepper.start_rate * stepper.lead
-    if start > 0:
-        top = stepper.acceleration_limit * stepper.lead
-        for sign in (1.0, -1.0):
-            series = [_shifted(first, -sign * start)]
-            if np.isfinite(top):
+    start, top = stepper.start_rate * stepper.lead, stepper.acceleration_limit * stepper.lead
+    for sign in (1.0, -1.0) if start > 0 else ():
 
-                def alike(s: np.ndarray, sign: float = sign) -> np.ndarray:
-                    rate, change = (gait.on_piece(piece, s, k) for k in (1, 2))
-                    return change * start**2 / top + sign * rate**2
+        def over(s: np.ndarray, sign: float = sign) -> np.ndarray:
+            return gait.on_piece(piece, s, 1) - sign * start
 
-                series.append(resolve(alike, 0.0, width, exact_degree(gait, 2)))
-            for j, of_link in enumerate(found):
-                of_link += [one.roots(j) for one in series]
+        def alike(s: np.ndarray, sign: float = sign) -> np.ndarray:
+            rate, change = (gait.on_piece(piece, s, k) for k in (1, 2))
+            return change * start**2 / top + sign * rate**2
+
+        series = [resolve(over, 0.0, width, exact_degree(gait))]
+        series += [resolve(alike, 0.0, width, exact_degree(gait, 2))] if np.isfinite(top) else []
+        for j, of_link in enumerate(found):
+            of_link += [one.roots(j) for one in series]
     return [np.concatenate(of_link) for of_link in found]
-
-
-def _shifted(series: Series, by: float) -> Series:
-    coefficients = series.coefficients.copy()
-    coefficients[:, 0] += by
-    return Series(series.a, series.b, coefficients)
