@@ -61,7 +61,7 @@ def test_curves_of_the_same_colour_differ_in_dashes():
         panel.axes.clear()
         panel.curves(TIME, np.zeros((count, 5)), what="segment", ls="-")
         drawn = [
-            (str(one.get_color()), str(one._unscaled_dash_pattern))  # noqa: SLF001 # pyright: ignore
+            (str(one.get_color()), str(one._unscaled_dash_pattern))  # pyright: ignore
             for one in panel.axes.lines
         ]
         assert len(set(drawn)) == count
