@@ -232,6 +232,10 @@ def _worst(checks: tuple[Any, ...]) -> str:
     return f"; {which}, {name}, is {worst.value:.2g}, {share}"
 
 
+def _is_known(value: Any) -> bool:
+    return any(map(_is_known, value)) if isinstance(value, list) else value is not None
+
+
 def _second_route(result: Any) -> str:
     """Result of the second route: its status, and the difference."""
     given = result.trust.get("recheck")
@@ -243,7 +247,7 @@ def _second_route(result: Any) -> str:
     found = [f"differs by {max(map(abs, errors)):.2g}"] if errors else []
     if not errors:
         asked = [name for name in result.scalars if name.startswith("recheck_")]
-        known = [name for name in asked if result.scalars[name].value is not None]
+        known = [name for name in asked if _is_known(result.scalars[name].value)]
         found += ["not taken"] if asked and not known else []
         for name in known:
             what = name.removeprefix("recheck_").removesuffix("error").strip("_")

@@ -315,6 +315,14 @@ def test_nothing_is_removed_that_wormopt_cannot_have_written(tmp_path: Path):
     assert (tmp_path / "outside.png").exists()
 
 
+def test_a_changed_summary_is_named_itself(tmp_path: Path, capsys: Capture):
+    assert main(["run", "fast_gait", "-o", "out"]) == 0
+    summary = tmp_path / "out" / "summary.json"
+    summary.write_text(summary.read_text(encoding="utf-8") + "x", encoding="utf-8")
+    assert main(["run", "fast_gait", "-o", "out"]) == 2
+    assert f"{summary}: was not written by wormopt, or was changed" in capsys.readouterr().err
+
+
 def test_a_folder_where_a_file_must_go_is_refused_even_by_force(
     tmp_path: Path, capsys: Capture, study: Install
 ):
@@ -407,6 +415,31 @@ def test_a_drawing_that_breaks_costs_no_numbers(
     assert main(["run", "fast_gait"]) == 0
     assert "drawing failed (ZeroDivisionError: no width)" in capsys.readouterr().err
     assert speed_in(tmp_path / "results" / "fast_gait") == 2.0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_who_interrupts_the_drawing_reads_that_the_result_is_saved(
+    tmp_path: Path, monkeypatch: Patch, capsys: Capture, number: int
+):
+    def draw(result: Result, name: str, path: Path) -> None:
+        if path.name == "motion.png":
+            signal.raise_signal(number)
+        path.write_text("")
+
+    monkeypatch.setattr(sys.modules["wormopt.pictures"], "draw", draw)
+    assert main(["run", "fast_gait"]) == 130
+    out, err = capsys.readouterr()
+    assert "interrupted; the result is saved, some pictures are not" in err
+    assert "nothing saved" not in err
+    assert "Saved in" in out
+    assert names(tmp_path / "results" / "fast_gait") == NUMBERS | {"gait.png"}
+    assert Result.load(tmp_path / "results" / "fast_gait").status == "ok"
+
+
+def test_progress_says_what_is_drawn(monkeypatch: Patch, capsys: Capture):
+    monkeypatch.setattr(progress, "_FIRST_LINE", 0.0)
+    assert main(["run", "fast_gait"]) == 0
+    assert ": drawing gait.png\n" in capsys.readouterr().err
 
 
 def test_ctrl_c_without_anything_to_keep(tmp_path: Path, capsys: Capture, study: Install):

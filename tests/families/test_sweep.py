@@ -30,6 +30,7 @@ from wormopt.cli.common import print_result
 from wormopt.families import store
 from wormopt.families.axes import plan
 from wormopt.families.gathered import as_csv
+from wormopt.families.pictures import shown
 from wormopt.families.points import Job, compute
 from wormopt.families.store import Store, key_of
 from wormopt.kinds import KINDS
@@ -669,3 +670,12 @@ def test_a_sweep_without_any_number_draws_where_points_are_lost():
     swept = wo.sweep(scene, {"objective.speed": [1.2, 1.3]}, engine=SERIAL)
     assert swept.attributes["numbers"] == swept.attributes["series"] == []
     assert [line.get_marker() for line in swept.plot().axes[0].lines].count("x") == 2
+
+
+def test_a_picture_of_a_sweep_does_not_show_a_key_over_itself(tmp_path: Path):
+    over = {"worm.load": [1.0, 2.0], "gait.period": [1.0, 2.0]}
+    result = wo.sweep("fast_gait", over, store=tmp_path)
+    assert "period" in result.attributes["numbers"]
+    names = shown(result)
+    assert "speed" in names
+    assert "period" not in names

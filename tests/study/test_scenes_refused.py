@@ -157,6 +157,8 @@ HOSTILE_FILES = [
     (b"schema = ", "not valid TOML"),
     (b"schema = 1\nschema = 1", "not valid TOML"),
     (b"[worm]\n[worm]", "not valid TOML"),
+    (b"a = 1\nmass = 80 g  # each\n", 'put a value with a unit in quotes: "80 g"'),
+    (b"a = 1\nlength = [50mm, 70mm]", 'quotes: "50mm"'),
     (b"\xff\xfe", "not UTF-8"),
     (b"a = " + b"[" * 20000, "nested too deeply"),
     (b"a = " + b"9" * 5000, "not valid TOML"),
@@ -167,9 +169,9 @@ HOSTILE_FILES = [
 
 # What may be wrong with the user's file once it runs: text, part of the message.
 HOSTILE_MODELS = [
-    ("x = 1 / 0", "own.py line 1: ZeroDivisionError: division by zero"),
-    ("import no_such_module_at_all", "line 1: ModuleNotFoundError"),
-    ("import sys\nsys.exit(3)", "line 2: SystemExit: 3"),
+    ("x = 1 / 0\ndef build(): pass", "own.py line 1: ZeroDivisionError: division by zero"),
+    ("import no_such_module_at_all as build", "line 1: ModuleNotFoundError"),
+    ("import sys\nsys.exit(3)\nbuild = 3", "line 2: SystemExit: 3"),
     ("", "no function build; define it"),
     ("def biuld(): pass", 'write "own.py:biuld"'),
     ("build = 3", "no function build"),
@@ -275,7 +277,9 @@ def test_a_wrong_model_is_refused_with_file_and_line(
     tmp_path: Path, capsys: Capture, own: str, message: str
 ):
     path = write(tmp_path, MODEL, own)
-    assert main(["check", str(path)]) == 0  # checking runs nothing
+    # checking runs nothing, and finds what the text shows
+    shown = any(text in message for text in ("define it", "biuld", ".a: missing"))
+    assert main(["check", str(path)]) == (2 if shown else 0)
     capsys.readouterr()
     assert main(["run", str(path), "-o", str(tmp_path / "out")]) == 2
     out, err = capsys.readouterr()
@@ -286,6 +290,33 @@ def test_a_wrong_model_is_refused_with_file_and_line(
     assert message in err
     assert len(err.splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "own",
+    [
+        "from elsewhere import *",
+        "import elsewhere.build as build",
+        "from elsewhere import build",
+        "def __getattr__(name): ...",
+        "exec('def build(): pass')",
+        "globals().update(build=print)",
+        "if True:\n    def build(): ...",
+        "for build in [print]: ...",
+        "def build(a): ...\nbuild = build",
+        "@fit\ndef build(a): ...",
+        "def build(a=1, *, b=2, **c): ...",
+    ],
+)
+def test_checking_refuses_no_function_that_may_be_there(tmp_path: Path, own: str):
+    assert main(["check", str(write(tmp_path, MODEL, own)), "--set", "model.parameters.b=1"]) == 0
+
+
+def test_checking_names_parameters_without_running_the_file(tmp_path: Path, capsys: Capture):
+    own = "import no_such_module_at_all\ndef build(a, /, b, c=1, *, d, e=2): ..."
+    assert main(["check", str(write(tmp_path, MODEL, own)), "--set", "model.parameters.f=1"]) == 2
+    found = [line.split(": ")[1] for line in capsys.readouterr().err.splitlines()]
+    assert found == [f"model.parameters.{name}" for name in "fbd"]
 
 
 BOUNDED = (
@@ -317,11 +348,9 @@ def test_wrong_parameters_of_a_model_are_named(
     tmp_path: Path, own: str, given: list[str], key: str, message: str
 ):
     whole = own if "def build" in own else f"def build(rate=1, size=1):\n    {own}\n"
-    scene = load_scene(
-        write(tmp_path, MODEL, whole), [f"model.parameters.{each}" for each in given]
-    )
+    path, changes = write(tmp_path, MODEL, whole), [f"model.parameters.{each}" for each in given]
     with pytest.raises(SceneError) as caught:
-        wo.run(scene)
+        wo.run(path, changes)
     ((found, said),) = caught.value.faults
     assert found == key
     assert message in said

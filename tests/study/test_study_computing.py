@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import signal
 from collections import Counter
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -316,6 +318,33 @@ def test_what_is_interrupted_keeps_what_is_finished_and_goes_on(name: str, stop:
     assert CALLS[name] == 2
     assert CALLS["motion"] == (2 if name == "motion" else 1)
     assert whole_result.scalars == pull().result().scalars
+
+
+def test_an_interrupt_that_casadi_reports_as_an_error_keeps_what_is_finished():
+    class Slow(Study, kind="toy-slow"):
+        @stage
+        def motion(self) -> float:
+            return 2.0
+
+        @stage
+        def recheck(self) -> float:
+            with suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+            raise RuntimeError("rhs failed")  # what CasADi raises then
+
+        @scalar("length", "way")
+        def way(self) -> float:
+            return self.motion
+
+        @scalar("length", "error")
+        def error(self) -> float:
+            return self.recheck
+
+    with pytest.raises(Interrupted) as caught:
+        Slow().result()
+    found = caught.value.partial
+    assert found.reason == "interrupted during recheck"
+    assert found.scalars["way"].value == 2.0
 
 
 def test_an_interruption_that_leaves_nothing_is_one():

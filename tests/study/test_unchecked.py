@@ -137,8 +137,9 @@ def test_a_comparison_that_no_second_route_confirms_says_it_is_not_checked(reche
     assert not any("unknown" in line for line in itertools.islice(told, 2))
 
 
-def test_a_number_of_no_second_route_is_not_taken():
-    result = Result("a", "gait", scalars={"recheck_error": Scalar(None)})
+@pytest.mark.parametrize("value", [None, [None, None], [[None], [None]]])
+def test_a_number_of_no_second_route_is_not_taken(value: Any):
+    result = Result("a", "gait", scalars={"recheck_error": Scalar(value)})
     assert "second route: not taken" in trust(result)
 
 

@@ -106,8 +106,9 @@ def _verify(options: argparse.Namespace) -> int:
         say(f"{options.file}: not verified: {found.reason}")
         return NOT_SOLVED
     print(
-        f"{options.file}: verified: no gait is faster than {found.bound} = "
-        f"{float(found.bound):.9g} ({found.inequalities} inequalities hold)"
+        f"{options.file}: verified: no gait within the limits of its `problem` is faster than "
+        f"{found.bound} = {float(found.bound):.9g}, in the units of the scene "
+        f"({found.inequalities} inequalities hold)"
     )
     return DONE
 

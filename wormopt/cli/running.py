@@ -23,10 +23,11 @@ from wormopt.cli.common import (
 )
 from wormopt.errors import Interrupted, OutputError, SceneError
 from wormopt.files import POINTS, RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
-from wormopt.progress import shown_on_stderr
+from wormopt.progress import Report, shown_on_stderr
 from wormopt.runner import attempt
 from wormopt.study import Scene, load_scene
 from wormopt.study.output import (
+    Earlier,
     Output,
     changed,
     check_output,
@@ -103,15 +104,17 @@ def _run(options: argparse.Namespace) -> int:
     files = [RESULT_FILE, SUMMARY_FILE, *tables, *study.exports, *pictures.values()]
     output = Output(folder, scene.name, scene.table.kind, force=options.force)
     output = check_output(output, files)
+    earlier = earlier_result(output.folder)
     with shown_on_stderr(options.quiet) as report, engine_of(options):
         try:
             result = attempt(scene, report, only)
             code = NOT_SOLVED if result.status == "failed" else DONE
         except Interrupted as stop:
             result, code = stop.partial, INTERRUPTED
+        code = code if _saved(result, pictures, output, report) else INTERRUPTED
     if scene.sweep is not None:
         say(f"{scene.name}: computed without its table [sweep]; `wormopt sweep` uses it")
-    finish(result, pictures, output, options)
+    _finish(result, earlier, output, options)
     return code
 
 
@@ -121,14 +124,21 @@ def _pictures(scene: Scene[Any]) -> dict[str, str]:
     return {name: picture_file(name) for name in scene.table.want if name in drawable}
 
 
-def finish(
-    result: Result, pictures: dict[str, str], output: Output, options: argparse.Namespace
-) -> None:
-    """Save a result with its pictures and print it; report an earlier one that it replaces."""
-    earlier = earlier_result(output.folder)
+def _saved(result: Result, pictures: dict[str, str], output: Output, report: Report) -> bool:
+    """Save a result with its pictures; False if the user stopped the drawing."""
     with output_folder(output) as staging:
+        report("saving", None)
         result.save(staging, tuple(pictures.values()))
-        _draw_all(result, pictures, staging)
+        try:
+            _draw_all(result, pictures, staging, report)
+        except KeyboardInterrupt:
+            say("interrupted; the result is saved, some pictures are not")
+            return False
+    return True
+
+
+def _finish(result: Result, earlier: Earlier, output: Output, options: argparse.Namespace) -> None:
+    """Print a saved result; report an earlier one that it replaced."""
     if options.json:
         print(json.dumps(result.summary(), allow_nan=False))
     else:
@@ -145,13 +155,14 @@ def finish(
         say(f"{result.scene}: {result.status}: {result.reason}")
 
 
-def _draw_all(result: Result, pictures: dict[str, str], folder: Path) -> None:
+def _draw_all(result: Result, pictures: dict[str, str], folder: Path, report: Report) -> None:
     """Draw pictures into files of a folder; report and skip one that fails."""
     if not pictures or not result.variables:
         return
     from wormopt.pictures import draw
 
     for name, file in pictures.items():
+        report(f"drawing {file}", None)
         try:
             draw(result, name, folder / file)
         except Exception as error:  # a failed picture must not lose the result
@@ -250,9 +261,9 @@ def _sweep(options: argparse.Namespace) -> int:
     from wormopt.families.sweep import sweep
     from wormopt.numerics.workers import Engine
 
-    code = DONE
-    try:
-        with shown_on_stderr(options.quiet) as report:
+    earlier = earlier_result(output.folder)
+    with shown_on_stderr(options.quiet) as report:
+        try:
             result = sweep(
                 scene,
                 over,
@@ -263,19 +274,26 @@ def _sweep(options: argparse.Namespace) -> int:
                 report=report,
             )
             code = NOT_SOLVED if result.status == "failed" else DONE
-    except Interrupted as stop:
-        result, code = stop.partial, INTERRUPTED
-    if options.show:
-        names = [name.strip() for name in options.show.split(",")]
-        there = [*result.attributes["numbers"], *result.attributes["series"]]
-        unknown = [name for name in names if name not in there]
-        if unknown:
-            missing = f"--show: there is no scalar {', '.join(unknown)}; it is left out"
-            say(f"{missing}; write some of {', '.join(there)}")
-        names = [name for name in names if name not in unknown]
-        result = replace(result, attributes={**result.attributes, "shown": names})
-    finish(result, {} if options.no_plots else {"sweep": picture}, output, options)
+        except Interrupted as stop:
+            result, code = stop.partial, INTERRUPTED
+        if options.show:
+            result = _showing(result, options.show)
+        pictures = {} if options.no_plots else {"sweep": picture}
+        code = code if _saved(result, pictures, output, report) else INTERRUPTED
+    _finish(result, earlier, output, options)
     return code
+
+
+def _showing(result: Result, asked: str) -> Result:
+    """Choose the scalars that the picture of a sweep shows; report and skip unknown ones."""
+    names = [name.strip() for name in asked.split(",")]
+    there = [*result.attributes["numbers"], *result.attributes["series"]]
+    unknown = [name for name in names if name not in there]
+    if unknown:
+        missing = f"--show: there is no scalar {', '.join(unknown)}; it is left out"
+        say(f"{missing}; write some of {', '.join(there)}")
+    names = [name for name in names if name not in unknown]
+    return replace(result, attributes={**result.attributes, "shown": names})
 
 
 def _first_below(folder: Path, store: Path) -> str:

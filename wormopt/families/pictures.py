@@ -40,10 +40,21 @@ def shown(result: Result) -> list[str]:
         return list(asked)
     first, unlike = result.attributes["numbers"], dict[bytes, str]()
     first = first or result.attributes.get("series", [])
+    keys = [
+        everywhere(result, a["dim"], result[a["dim"]].values) for a in result.attributes["axes"]
+    ]
     for name in first:
-        if _varies(result[name].values):
+        if _varies(result[name].values) and not _among(result[name].values, keys):
             unlike.setdefault(result[name].values.tobytes(), name)
     return [*unlike.values()][:_MOST] or first[:1] or ["status"]
+
+
+def _among(values: np.ndarray, keys: list[np.ndarray]) -> bool:
+    """Whether a result only repeats a key that is swept."""
+    found = values.ravel()
+    known = np.isfinite(found)
+    same = (key for key in keys if key.shape == found.shape and key.dtype.kind in "fi")
+    return any(np.allclose(found[known], key[known], rtol=1e-12, atol=0.0) for key in same)
 
 
 def _varies(values: np.ndarray) -> bool:

@@ -103,7 +103,8 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
     if not folder.is_dir():
         return
     earlier = earlier_result(folder)
-    for name in files:
+    # the summary first: without it no file is known
+    for name in sorted(files, key=SUMMARY_FILE.__ne__):
         if (folder / name).is_dir():
             raise OutputError(f"{folder / name}: is a folder where a file must go; rename it")
         if os.path.lexists(folder / name) and name not in earlier.own:

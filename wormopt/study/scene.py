@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from difflib import get_close_matches
@@ -179,8 +180,16 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     except RecursionError:
         message = "is nested too deeply"
     except ValueError as error:
-        message = f"is not valid TOML: {error}"
+        message = f"is not valid TOML: {error}{_quotes(path.read_bytes(), str(error))}"
     raise SceneError(file, [("", message)])
+
+
+def _quotes(content: bytes, error: str) -> str:
+    """Hint about a value with a unit but no quotes in the line that an error names."""
+    place = re.search(r"at line (\d+)", error)
+    row = content.decode("utf-8-sig").split("\n")[int(place[1]) - 1] if place else ""
+    bare = re.search(r"[=\[,]\s*([-+]?\d[\d._]*(e[-+]?\d+)?\s*[A-Za-zµ°%][^\s,\]}#]*)", row)
+    return f'; put a value with a unit in quotes: "{bare[1]}"' if bare else ""
 
 
 def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[Study, Swept | None]:

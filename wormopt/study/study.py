@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Self, TypeVar
 import msgspec
 from msgspec import Struct, structs
 
-from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError
+from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError, interruptible
 from wormopt.lazy import load
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
@@ -235,7 +235,8 @@ class Study(Given):
         progress.inner.append(0.0)
         start = time.perf_counter()
         try:
-            yield
+            with interruptible():  # here it still is the interrupt of this stage
+                yield
         finally:
             spent = time.perf_counter() - start
             own = spent - progress.inner.pop()

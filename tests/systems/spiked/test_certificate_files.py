@@ -118,14 +118,18 @@ def test_the_command_verifies_a_file(tmp_path, capsys: pytest.CaptureFixture[str
     assert verify(good).holds
     assert wo.verify(str(good)).holds
     assert main(["verify", str(good)]) == 0
-    assert "no gait is faster than" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "no gait within the limits of its `problem` is faster than" in out
+    assert "in the units of the scene" in out
     bad.write_text(changed(g1(), BROKEN["a bound that is lower"][0]).text)
     assert main(["verify", str(bad)]) == 3
     assert "not verified: dW/dt" in capsys.readouterr().err
     assert main(["verify", str(none)]) == 2
     assert "none.json: No such file" in capsys.readouterr().err
     assert main(["verify", str(tmp_path)]) == 2
-    assert "certificate.json: No such file" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "certificate.json: No such file" in err
+    assert "those of a peak with [search.certify] only" in err
     good.rename(tmp_path / "certificate.json")
     assert main(["verify", str(tmp_path)]) == 0
 

@@ -41,18 +41,21 @@ _TAKEN = {
     *(f"rest_{what}" for what in ("start", "end", "contact")),
     *("event", "rest", "n_events", "n_steps", "recheck_error"),
 }
+# What may bind names that the text does not show.
+_BINDERS = {"*", "__getattr__", "__dict__", "exec", "globals", "locals", "setattr", "vars"}
 _FILE = r"^[^\x00-\x1f]+\.py:[A-Za-z_][A-Za-z0-9_]*$"
 
 
 class OwnModel(Given):
     """A model of your own: a function in a Python file that returns a `Model`.
 
-    `wormopt check` reads the file without running it, and a saved result never runs it. Output that
-    the file prints goes to stderr. Errors name the line where there is one: a file that cannot be
-    read, is not Python, fails, or lacks the function; parameters that the function does not take,
-    or that are missing; a return value other than a Model; invalid names. If the function fails
-    because of `parameters`, or a value is outside the bounds of the Model's parameter, the message
-    names that key.
+    `wormopt check` reads the file without running it: it finds a missing function and wrong
+    parameters of a plain one, but not what happens inside. A saved result never runs it. Output
+    that the file prints goes to stderr. Errors name the line where there is one: a file that cannot
+    be read, is not Python, fails, or lacks the function; parameters that the function does not
+    take, or that are missing; a return value other than a Model; invalid names. If the function
+    fails because of `parameters`, or a value is outside the bounds of the Model's parameter, the
+    message names that key.
     """
 
     file: Annotated[
@@ -73,8 +76,8 @@ class OwnModel(Given):
                     "is not supported; write text, true, false, a finite number, or lists and "
                     "tables of these",
                 )
-        shown = self.file.rpartition(":")[0]
-        yield from _faults_of_file(folder / shown, shown)
+        shown, _, function = self.file.rpartition(":")
+        yield from _faults_of_file(folder / shown, shown, function, self.parameters)
 
     def load(self, scene: str, folder: Path) -> Model:
         """Run the file and its function; `scene` is a name for messages."""
@@ -112,18 +115,53 @@ class _Asked(NamedTuple):
     parameters: Mapping[str, Any]
 
 
-def _faults_of_file(path: Path, shown: str) -> Iterator[Fault]:
+def _faults_of_file(
+    path: Path, shown: str, function: str, given: Mapping[str, Any]
+) -> Iterator[Fault]:
     """Read the file without running it; only `wormopt run` runs it."""
     unreadable = why_unreadable(path)
     if unreadable:
         yield "model.file", f'"{shown}" cannot be read from {path.parent}: {unreadable}'
         return
     try:
-        ast.parse(path.read_bytes(), shown)
+        yield from _faults_of_text(ast.parse(path.read_bytes(), shown), shown, function, given)
     except SyntaxError as error:
         yield "model.file", f"{shown} line {error.lineno}: {error.msg}; write valid Python"
     except (ValueError, RecursionError, MemoryError) as error:
         yield "model.file", f"{shown} is not Python: {error}"
+
+
+def _faults_of_text(
+    tree: ast.Module, file: str, name: str, given: Mapping[str, Any]
+) -> Iterator[Fault]:
+    """Faults that the text shows: a name that nothing binds, or arguments of a plain function."""
+    nodes = [*ast.walk(tree)]
+    bound = [found for node in nodes for found in _names_bound(node)]
+    mentioned = {getattr(node, "id", getattr(node, "attr", "")) for node in nodes}
+    plain = {one.name: one for one in tree.body if isinstance(one, ast.FunctionDef)}
+    if name not in bound:
+        if not _BINDERS & {*bound, *mentioned}:
+            yield "model.file", _no_function(file, name, [*plain])
+    elif bound.count(name) == 1 and name in plain and not plain[name].decorator_list:
+        taken = plain[name].args
+        places = [one.arg for one in (*taken.posonlyargs, *taken.args)]
+        needed = places[: len(places) - len(taken.defaults)]
+        by_name = zip(taken.kwonlyargs, taken.kw_defaults, strict=True)
+        needed += [one.arg for one, default in by_name if default is None]
+        known = [one.arg for one in (*taken.args, *taken.kwonlyargs)]
+        anything = taken.kwarg is not None
+        yield from _faults_of_parameters(name, given, known, needed, anything)
+
+
+def _names_bound(node: ast.AST) -> Iterator[str]:
+    """Names that a piece of Python binds in some scope; "*" for all names of a module."""
+    if isinstance(node, ast.alias):
+        yield (node.asname or node.name).partition(".")[0]
+    elif isinstance(node, ast.Name):
+        if isinstance(node.ctx, ast.Store):
+            yield node.id
+    elif isinstance(found := getattr(node, "name", None), str):
+        yield found
 
 
 def _is_plain(value: object) -> bool:
@@ -207,33 +245,39 @@ def _function(own: _Asked, module: ModuleType) -> Callable[..., Any]:
     if callable(found):
         return found
     functions = [key for key, value in vars(module).items() if inspect.isfunction(value)]
+    raise _refused(own, _no_function(file, name, functions))
+
+
+def _no_function(file: str, name: str, functions: list[str]) -> str:
     close = get_close_matches(name, functions, n=1) or functions[:1]
     hint = f'write "{file}:{close[0]}"' if close else f"define it: def {name}(): ..."
-    raise _refused(own, f"{file} has no function {name}; {hint}")
+    return f"{file} has no function {name}; {hint}"
 
 
 def _check_parameters(own: _Asked, function: Callable[..., Any]) -> None:
-    given: Mapping[str, Any] = own.parameters
-    name = own.function
     try:
         signature = inspect.signature(function)
     except ValueError:  # A function without a signature in Python reports its parameters by itself.
         return
     taken = signature.parameters.values()
     known = [p.name for p in taken if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    needed = [p.name for p in taken if p.default is p.empty]
     anything = any(p.kind is p.VAR_KEYWORD for p in taken)
-    faults = [
-        (f"model.parameters.{key}", f"{name}() has no such parameter; {_hint(key, known)}")
-        for key in given
-        if key not in known and not anything
-    ]
-    faults += [
-        (f"model.parameters.{p.name}", f"missing; {name}() needs it, and it has no default")
-        for p in taken
-        if p.name in known and p.default is p.empty and p.name not in given
-    ]
+    faults = [*_faults_of_parameters(own.function, own.parameters, known, needed, anything)]
     if faults:
         raise SceneError(own.scene, faults)
+
+
+def _faults_of_parameters(
+    name: str, given: Mapping[str, Any], known: list[str], needed: list[str], anything: bool
+) -> Iterator[Fault]:
+    for key in given:
+        if key not in known and not anything:
+            yield f"model.parameters.{key}", f"{name}() has no such parameter; {_hint(key, known)}"
+    for key in needed:
+        if key in known and key not in given:
+            what = f"missing; {name}() needs it, and it has no default"
+            yield f"model.parameters.{key}", what
 
 
 def _hint(key: str, known: list[str]) -> str:

@@ -383,8 +383,17 @@ class LambdaTracker(Given, tag_field="feedback"):
 
     name: Name = ""
     tube_radius: float = positive("length", "*λ*")
-    gain_start: float = positive("", "*k*(0)", default=1.0)
-    growth: float = positive("", "*γ*", default=1.0)
+    gain_start: float = positive(
+        "", "*k*(0), force per length; in SI scenes choose for example *F*/(10 *λ*), see `growth`",
+        default=1.0,
+    )  # fmt: skip
+    growth: float = positive(
+        "",
+        "*γ*, of the quadratic law force per length cubed and time; in SI scenes begin with "
+        "*F*/(*λ*³ *T*), with a force *F* that the reference needs and its period *T*, see "
+        "[theory-dynamics.md](../theory-dynamics.md)",
+        default=1.0,
+    )
     adaptation: QuadraticLaw | ExponentLaw | DecayLaw = entry(
         'gain law; default: `{ law = "quadratic" }`', default=QuadraticLaw
     )

@@ -60,10 +60,11 @@ class Worm(Given, kw_only=False):
     mass: PerMass = entry(_MASS, quantity="mass", default=1.0, per="masses")
     drag: float = number("drag", "*k*: each mass has viscous drag −*k v*", least=0, default=0.0)
     load: Loads = entry(
-        "*Γ*: force on each mass against the direction of motion (towed load, slope). A pair "
-        "is a range and is allowed in designs only: the designed gait meets its limits over "
-        "the whole range. Three or more numbers are the loads of the individual masses, head "
-        "first. Example: a cable at the tail of a worm with two links is [0, 0, 0.3]",
+        "*Γ*: force against the direction of motion (towed load, slope); one number acts on "
+        "each mass. A pair is a range, for one link too (`pull` takes its two masses), and is "
+        "allowed in designs only: the designed gait meets its limits over the whole range. "
+        "Three or more numbers are the loads of the individual masses, head first. Example: "
+        "a cable at the tail of a worm with two links is [0, 0, 0.3]",
         quantity="force",
         default=0.0,
     )

@@ -149,13 +149,16 @@ def verify(certificate: Certificate | str | os.PathLike[str]) -> Verification:
         name, text = "certificate", certificate.text
     else:
         file = Path(certificate)
-        file = file / "certificate.json" if file.is_dir() else file
+        what = "give the file of a certificate"
+        if file.is_dir():
+            file /= "certificate.json"
+            what = "designs of a speed write it, those of a peak with [search.certify] only"
         name = os.fspath(file)
         try:
             text = file.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             why = error.strerror if isinstance(error, OSError) else "not a text"
-            raise ArgumentError(f"{name}: {why}; give the file of a certificate") from None
+            raise ArgumentError(f"{name}: {why}; {what}") from None
     bound = Fraction(0)
     try:
         problem, proof, bound = read(text)
