@@ -54,20 +54,6 @@ def test_values_are_in_the_units_shown():
     assert isinstance(no.value, KeyError)
 
 
-def test_curves_of_the_same_colour_differ_in_dashes():
-    """Solid lines are drawn while there is a colour for each."""
-    panel = page("mm").panel()
-    for count in (4, 5, 8, 9):
-        panel.axes.clear()
-        panel.curves(TIME, np.zeros((count, 5)), what="segment", ls="-")
-        drawn = [
-            (str(one.get_color()), str(one._unscaled_dash_pattern))  # pyright: ignore
-            for one in panel.axes.lines
-        ]
-        assert len(set(drawn)) == count
-        assert (len({dashes for _, dashes in drawn}) == 1) == (count in (4, 9))
-
-
 def test_axes_label_themselves():
     above, below = page("mm").rows(1, 1)
     above.curves("time", "position")

@@ -288,10 +288,7 @@ class Panel:
         if isinstance(y, str) and not what:
             what = self.page.result[y].dims[-2]
         texts, shown = labels(what, len(rows), worm=worm), named(len(rows)) if legend else ()
-        looks = styles(what, len(rows))
-        if style.get("ls") == "-" and len(dict(looks)) < len(looks):
-            del style["ls"]  # curves of the same colour differ in dashes
-        for j, (color, dashes) in enumerate(looks):
+        for j, (color, dashes) in enumerate(styles(what, len(rows))):
             look: dict[str, Any] = {"color": color, "ls": dashes} | style
             self.axes.plot(self._values(x), rows[j], label=texts[j] if j in shown else None, **look)
         self._along(x)

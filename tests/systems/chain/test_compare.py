@@ -1,7 +1,6 @@
 """Controllers of a plant of the user's own, compared from Python and by scenes."""
 
 import inspect
-import itertools
 import re
 from dataclasses import replace
 from functools import partial
@@ -18,9 +17,6 @@ from scipy.optimize import brentq
 import wormopt as wo
 from tests.oracles.by_samples import Sampled
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.pictures import figure
-from wormopt.quantities import Scalar, Variable
-from wormopt.result import Result
 from wormopt.systems.chain.drawn import median_interval, share_interval
 
 MASS, SPRING, DRAG, WHEEL = 1.3, 4.0, 0.7, 0.4
@@ -444,29 +440,3 @@ def test_parameters_of_an_own_plant_are_swept(tmp_path: Path):
     for k, mass in enumerate((1.0, 2.0)):
         gain = wo.simulate(loop, 0.2, p={"m": mass})["gain"][0, -1]
         assert np.asarray(found["k_end"].values)[k].flat[0] == pytest.approx(gain, rel=1e-8)
-
-
-@pytest.mark.parametrize("apart", [0.0, 0.2, 2.0])
-def test_letters_of_controllers_do_not_overlap_beside_wide_crosses(apart: float):
-    """The nominal plants are close, and what is drawn reaches far beyond them."""
-    rms, peak = np.array([[5.0, 5.0 + apart]]), np.array([[0.1, 0.1]])
-    spread = np.linspace(0.2, 3.0, 30)
-    dims = ("reference", "rival")
-    result = Result(
-        "two", "compare-tracking",
-        scalars={"tube_radius": Scalar(0.2), "draws": Scalar(30),
-                 "input_rms": Scalar(rms.tolist()), "error_peak": Scalar(peak.tolist())},
-        variables=(
-            Variable("time", "s", ("time",), np.linspace(0, 1, 3)),
-            Variable("error_norm", "1", (*dims, "time"), np.full((1, 2, 3), 0.1)),
-            Variable("drawn_input_rms", "1", (*dims, "draw"), rms[..., None] * spread),
-            Variable("drawn_error_peak", "1", (*dims, "draw"), peak[..., None] * spread),
-        ),
-        attributes={"rivals": ["a", "b"], "references": ["gait"]},
-    )  # fmt: skip
-    drawn = figure(result, "comparison")
-    drawn.draw_without_rendering()
-    patches = [text.get_bbox_patch() for text in drawn.axes[-1].texts]
-    boxes = [patch.get_window_extent() for patch in patches if patch]
-    assert len(boxes) == (1 if apart < 1.0 else 2)
-    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))

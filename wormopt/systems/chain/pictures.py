@@ -325,9 +325,6 @@ _ENDS = (0.05, 0.95)  # of the plants, 90 % lie between
 _LEAST = 0.02  # of the tube's radius; smaller errors are not shown
 
 
-_COMPARED = ("input_rms", "error_peak")
-
-
 def comparison(result: Result) -> Figure:
     """Error over time, one panel per controller; largest error against input, per reference.
 
@@ -358,8 +355,6 @@ def comparison(result: Result) -> Figure:
     (efforts,) = page.grid(1, len(references), within=below, sharex=True, sharey=True)
     for k, panel in enumerate(efforts):
         _draw_errors_over_input(panel, k)
-    for k, panel in enumerate(efforts):  # which share their limits, known now
-        _draw_letters(panel, k)
         panel.label("rms of $u$", of="drawn_input_rms")
         text = f"a to {ascii_lowercase[len(names) - 1]} for {references[k]}"
         panel.axes.set_title(wrapped(text, room(len(references))))
@@ -379,9 +374,11 @@ def _style(reference: int) -> dict[str, Any]:
 
 
 def _draw_errors_over_input(panel: Panel, reference: int) -> None:
-    """Crosses at the nominal plant, which extend over most of the other plants."""
-    drawn = [panel.page[f"drawn_{name}"][reference] for name in _COMPARED]
-    for k, point in enumerate(_nominal(panel, reference)):
+    """Letters for the nominal plant; crosses extend over most of the other plants."""
+    page, names = panel.page, ("input_rms", "error_peak")
+    points = np.array([_numbers(page, name, reference) for name in names]).T
+    drawn = [page[f"drawn_{name}"][reference] for name in names]
+    for k, point in enumerate(points):
         for across, (values, centre) in enumerate(zip(drawn, point, strict=True)):
             finite = values[k][np.isfinite(values[k])]
             if finite.size and np.isfinite(centre):
@@ -389,28 +386,16 @@ def _draw_errors_over_input(panel: Panel, reference: int) -> None:
                 panel.curve(*((same, ends) if across else (ends, same)), color=GREY, lw=0.8)
     panel.level("tube_radius")
     panel.axes.set_yscale("log")
+    for letters, (x, y) in _together(points):
+        box = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": GREY, "lw": 0.5}
+        panel.axes.text(x, y, letters, ha="center", va="center", size=7.5, bbox=box, zorder=5)
     panel.axes.margins(0.14)
 
 
-def _draw_letters(panel: Panel, reference: int) -> None:
-    """Letters for the nominal plant."""
-    points = _nominal(panel, reference)
-    limits = np.array([panel.axes.get_xlim(), panel.axes.get_ylim()]).T
-    low, high = panel.axes.transData.transform(limits)
-    shares = (panel.axes.transData.transform(points) - low) / (high - low)
-    for letters, (x, y) in _together(points, shares):
-        box = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": GREY, "lw": 0.5}
-        panel.axes.text(x, y, letters, ha="center", va="center", size=7.5, bbox=box, zorder=5)
-
-
-def _nominal(panel: Panel, reference: int) -> np.ndarray:
-    """Input and error (rivals, 2) of the nominal plant."""
-    return np.array([_numbers(panel.page, name, reference) for name in _COMPARED]).T
-
-
-def _together(points: np.ndarray, places: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """Points of letters, one text for those that would overlap; `places` are shares of the axes."""
-    room = np.array([0.045, 0.07])  # of a letter in its box
+def _together(points: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Positions of letters, with one text for letters that would overlap."""
+    places = np.column_stack([points[:, 0], np.log(points[:, 1])])
+    room = np.array([0.07, 0.05]) * np.nanmax(np.ptp(places, axis=0)[None], axis=0)
     groups: list[list[int]] = []
     for k in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
         near = (g for g in groups if np.all(abs(places[g[0]] - places[k]) < room))
