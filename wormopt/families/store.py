@@ -32,6 +32,7 @@ from wormopt.study import Study
 
 Keep = Literal["results", "scalars"]
 _JOURNAL = "journal.txt"
+_BEGUN = 2.0  # seconds for which a begun journal may lack its head
 _HEAD = "made by wormopt: time, machine, process, point, seconds\n"
 _ELSEWHERE = "choose another folder with --store, or with XDG_CACHE_HOME for the user's cache"
 
@@ -54,6 +55,16 @@ def key_of(study: Study, more: str = "", seen: dict[str, bytes] | None = None) -
     return key.hexdigest()[:32]
 
 
+def _is_journal(file: Path) -> bool:
+    """Whether a file begins as a journal does; another process may just be writing its head."""
+    head, until = _HEAD.encode(), time.monotonic() + _BEGUN
+    while (begin := file.read_bytes()[: len(head)]) != head:
+        if not head.startswith(begin) or time.monotonic() > until:
+            return False
+        time.sleep(_BEGUN / 100)
+    return True
+
+
 @dataclass(frozen=True)
 class Store:
     """Folder of points, which several processes and machines may share."""
@@ -69,7 +80,7 @@ class Store:
             if not os.path.lexists(journal):
                 with journal.open("x", encoding="utf-8") as file:
                     file.write(_HEAD)
-            elif not (journal.is_file() and journal.read_bytes().startswith(_HEAD.encode())):
+            elif not (journal.is_file() and _is_journal(journal)):
                 raise OutputError(f"{journal}: does not belong to a store of points; {_ELSEWHERE}")
         except FileExistsError:  # another process was faster, or it is a file
             if not folder.is_dir():

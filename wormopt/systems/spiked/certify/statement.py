@@ -113,7 +113,7 @@ class Statement:
                 return self._there_and_back(stroke, j, starts, brakes) - float(self.period)
 
             if late(float(whole)) > 0.0:
-                most = root(late, 0.0, float(whole), xtol=1e-15 * float(whole))
+                most = root(late, 0.0, float(whole), xtol=1e-30 * float(whole))
                 whole = min(whole, up(most, _unit(whole)))
             found.append(whole)
         return tuple(found)

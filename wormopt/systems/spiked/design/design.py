@@ -565,9 +565,12 @@ def canonical_gait(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Tr
     if task.objective.is_smooth or task.worm.drag or isinstance(trial.program, WaveProgram):
         return trial, trial
     least = trial.value - _SAME * abs(trial.value)
+    trial = _smaller_of_both_ways(trial, least) if turn else trial
     images = [image for image in _images(trial) if image.value >= least] if turn else [trial]
     if not images:
         return trial, trial
+    # a rotation does not change mean lengths: the first phases are as short as possible
+    images.sort(key=lambda image: np.round(image.durations / image.durations.sum(), 4).tolist())
     if len(trial.point.x) > _MOST_LENGTHENED:
         return images[0], images[0]
     best, most = (images[0], images[0]), -np.inf
@@ -576,6 +579,29 @@ def canonical_gait(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Tr
         if np.isfinite(mean) and (np.isneginf(most) or mean > most + _AS_LONG * abs(most)):
             best, most = (image, gait), mean
     return best
+
+
+def _smaller_of_both_ways(trial: Trial, least: float) -> Trial:
+    """The trial, or the one of the order in reverse if that is smaller and as good.
+
+    With time reversed and lengths mirrored all masses have the same velocities, and accelerations
+    of the other sign: loads may differ.
+    """
+    program, task = trial.program, trial.program.task
+    backward = program.changed(
+        sequence=trial.sequence[::-1],
+        arcs=program.arcs[::-1],
+        patterns=program.patterns and program.patterns[::-1],
+    )
+    masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
+    ways = [canonical(p.sequence, masses, mirror=mirror) for p in (backward, program)]
+    if ways[0] >= ways[1]:
+        return trial
+    point = _mirrored(trial, backward, np.arange(program.total)[::-1])
+    other = None if point is None else replace(trial, program=backward, point=point)
+    if other is None or other.value < least or not _keeps(task, other):
+        return trial
+    return other
 
 
 def _images(trial: Trial) -> Iterator[Trial]:
