@@ -540,7 +540,7 @@ def test_check_looks_at_every_scene(capsys: Capture):
 def test_long_runs_say_a_line_now_and_then_without_a_terminal(
     capsys: Capture, monkeypatch: Patch, study: Install
 ):
-    clock = iter([0.0, *np.arange(1.0, 101.0)])
+    clock = iter([0.0, *np.arange(1.0, 121.0)])
     monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
 
     def patient(scene: Scene[Any], report: Report) -> Result:
