@@ -187,7 +187,8 @@ def _from_the_fastest(
     known = replace(fast.known(_FASTEST), poor=frozenset())
     found = search(task, _left(settings, survey), report, known, better)
     if not found.trials and found.ended == "searched":
-        until = monotonic() + (_left(settings, survey).time_limit or np.inf)
+        left = _left(settings, survey).time_limit
+        until = np.inf if left is None else monotonic() + left
         same = Trier(task, until).with_the_motion(best.trial)
         if same is not None:
             better(same)

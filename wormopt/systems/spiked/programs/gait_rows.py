@@ -412,7 +412,9 @@ class CostColumns:
         self.program = program  # has its own columns already
         self.columns: list[np.ndarray] = []  # of costs
         self.rows: list[np.ndarray] = []  # that bound the costs from below
-        self.energy = program.task.objective.minimise == "energy_per_distance"
+        self.energy = is_energy(program.task)
+        if program.degree != 1:
+            raise ValueError("costs need velocities that are linear on an arc")
         self.dragged = self.energy and program.limits.drag > 0
         # the distance of a mass at each coefficient of its velocity, a factor of the work of drag
         self.ways = np.full(program.v.shape, -1)
